@@ -1,0 +1,137 @@
+"""Job settings: one small frozen class per stage, read from TOML; an unknown key is an error.
+
+`configs/default.toml` documents every key and equals the defaults below (a test compares them).
+Lengths are mm, angles degrees, as their names say.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cmm_align.errors import MissingFileError, UsageError
+from cmm_align.toml_table import check_keys
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetConfig:
+    """Settings of `offset`."""
+
+    side: str = "+z"
+    """Side of the nominal the probe is on, along the projection direction: +z or -z."""
+    degree: int = 0
+    """Degree of the spline through gridded points: 3, 5, or 0 to choose by the error estimate."""
+    nodes: int = 40_000
+    """Nodes of the equidistant net of a nominal that is a formula."""
+    grid_tolerance: float = 0.02
+    """Largest jitter of gridded points, in steps of the grid, that still counts as a grid."""
+
+
+@dataclass(frozen=True, slots=True)
+class AlignConfig:
+    """Settings of `align`."""
+
+    distance: str = "smooth"
+    """smooth: orthogonal foot point; facet: the plane of the triangle (the paper's method)."""
+    max_iterations: int = 50
+    coarse_points: int = 20_000
+    """Points that carry the first iterations; the last ones use all."""
+    max_rotation_step_deg: float = 30.0
+    step_tolerance: float = 1e-12
+    """Stop when the next step would move no point by more than this share of the part's size."""
+    min_observability: float = 1e-8
+    """A motion is unobservable below this share of the strongest one (scaled, dimensionless)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorMapConfig:
+    """Settings of `error-map`."""
+
+    spacing_mm: float = 0.0
+    """Grid spacing; 0 chooses it from the density of the points."""
+    window: float = 1.5
+    """Half width of the window of the local regression, in grid steps."""
+    max_nodes: int = 512
+    """Most nodes along the longer side of the grid."""
+    tolerance_pv_um: float = 0.0
+    """Tolerance on PV; 0 gives no verdict."""
+    tolerance_rms_um: float = 0.0
+    """Tolerance on RMS; 0 gives no verdict."""
+    guard_factor: float = 1.65
+    """Guard band in standard uncertainties (ISO 14253-1, 95 % one-sided)."""
+
+
+@dataclass(frozen=True, slots=True)
+class CompensateConfig:
+    """Settings of `compensate`."""
+
+    gain: float = 1.0
+    """Share of the deviation to take off in one pass."""
+    max_correction_um: float = 200.0
+    """Refuse a larger correction."""
+    text_decimals: int = 6
+    """Decimals, in mm, of the exported text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """All settings of a job."""
+
+    offset: OffsetConfig = OffsetConfig()
+    align: AlignConfig = AlignConfig()
+    error_map: ErrorMapConfig = ErrorMapConfig()
+    compensate: CompensateConfig = CompensateConfig()
+
+
+def read_config(paths: Sequence[Path | str]) -> Config:
+    """Return the defaults overlaid by TOML files, later ones winning.
+
+    Raises
+    ------
+    MissingFileError
+        If a file cannot be opened.
+    UsageError
+        If a file is not TOML, or holds a key that is not known or of another type.
+    """
+    config = Config()
+    for path in paths:
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except OSError as error:
+            raise MissingFileError(f"cannot read it ({error.strerror})", where=str(path)) from None
+        try:
+            table = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise UsageError(f"not valid TOML: {error}", where=str(path)) from None
+        config = overlaid(config, table, where=str(path))
+    return config
+
+
+def overlaid(settings: T, table: Mapping[str, Any], *, where: str) -> T:
+    """Return `settings` with the values of `table` put over them, section by section.
+
+    Raises
+    ------
+    UsageError
+        If a key is not known (the nearest known one is named) or a value has another type.
+    """
+    known = {f.name: getattr(settings, f.name) for f in fields(settings)}  # type: ignore[arg-type]
+    changes: dict[str, Any] = {}
+    check_keys({key.replace("-", "_"): None for key in table}, known, where=where, error=UsageError)
+    for key, value in table.items():
+        name = key.replace("-", "_")
+        default = known[name]
+        if isinstance(value, Mapping) and hasattr(default, "__dataclass_fields__"):
+            changes[name] = overlaid(default, value, where=f"{where}:[{key}]")
+        elif isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+            changes[name] = float(value)
+        elif type(value) is not type(default):
+            raise UsageError(f"{key} = {value!r}", where=where, expected=f"a value like {default!r}")
+        else:
+            changes[name] = value
+    return replace(settings, **changes)  # type: ignore[type-var]
