@@ -1,0 +1,272 @@
+"""Scattered values onto a regular grid by a local quadratic in a moving window, in one pass.
+
+Every point is reduced once to moments of its cell (the box of one grid step around a node); the
+moments of the window follow from those of its cells by the binomial shift, so the cost is
+O(points + nodes) whatever the size of the window. The polynomial of each node is then solved for
+all nodes at once by elimination with the constant last: the last pivot is the inverse of the
+leverage of the value at the node.
+
+Source: local polynomial regression as in W. S. Cleveland, S. J. Devlin, "Locally weighted
+regression", J. Am. Stat. Assoc. 83, 1988, doi 10.1080/01621459.1988.10478639, with uniform weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+
+MAX_LEVERAGE: Final = 1.0
+"""A value is known where its variance is no larger than that of one single point."""
+
+MIN_POINTS_QUADRATIC: Final = 9
+"""Six coefficients and three points that check them."""
+
+MIN_POINTS_LINEAR: Final = 4
+"""Three coefficients and one point that checks them."""
+
+_MIN_PIVOT: Final = 1e-10
+"""A pivot below this share of its diagonal is rounding: the direction is not determined."""
+
+_PRIOR_FREEDOM: Final = 20.0
+"""Weight, in degrees of freedom, of the scatter of the whole map against that of one window."""
+
+_CHUNK: Final = 1 << 18
+"""Points reduced at a time."""
+
+_EXPONENTS: Final = [(i, d - i) for d in range(5) for i in range(d, -1, -1)]
+"""Exponents of the 15 monomials u^a v^b up to degree 4; the first 6 are the quadratic ones."""
+
+_INDEX: Final = {exponents: k for k, exponents in enumerate(_EXPONENTS)}
+
+_LINEAR: Final = [(1, 0), (0, 1), (0, 0)]
+_QUADRATIC: Final = [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (0, 0)]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFit:
+    """A field on the nodes of a grid, each array of shape (ny, nx), indexed [iy, ix].
+
+    Attributes
+    ----------
+    value : ndarray
+        Value of the local polynomial at the node, unit of the values; NaN where unknown.
+    sigma : ndarray
+        Standard uncertainty of `value` from the scatter of the points, same unit; NaN where unknown.
+    leverage : ndarray
+        Variance of `value` over the variance of one point; inf where undetermined.
+    count : ndarray of int64
+        Points in the window.
+    quadratic : ndarray of bool
+        Where the local polynomial was quadratic; linear elsewhere.
+    scatter : float
+        Standard deviation of a single point about the local polynomials, median over the nodes;
+        NaN if no window holds more points than coefficients.
+    """
+
+    value: Array
+    sigma: Array
+    leverage: Array
+    count: Counts
+    quadratic: Mask
+    scatter: float
+
+
+class _Moments(NamedTuple):
+    """Sums over points, per cell or per window."""
+
+    powers: Array
+    """Sum of u^a v^b, shape (15, ny, nx)."""
+    products: Array
+    """Sum of value u^a v^b up to degree 2, and of value^2, shape (7, ny, nx)."""
+
+
+class _Solution(NamedTuple):
+    """Local polynomials of one degree, each array of shape (ny, nx)."""
+
+    value: Array
+    leverage: Array
+    squares: Array
+    freedom: Array
+
+
+def local_regression(
+    x: Array, y: Array, values: Array, x_nodes: Array, y_nodes: Array, *, half_width: float = 1.5
+) -> LocalFit:
+    """Return local quadratic (or else linear) estimates of a scattered field at the nodes of a grid.
+
+    A node is known where (1) its value is determined with a leverage of at most 1, and (2) its own
+    cell holds a point, or two opposite neighbours of that cell do, so that the node lies between
+    points. Nothing is extrapolated past that: holes stay holes.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (N,)
+        Places of the points, any unit of length.
+    values : ndarray, shape (N,)
+        The field at the points, finite.
+    x_nodes, y_nodes : ndarray, shape (nx,), (ny,), at least 2 each
+        Evenly spaced, ascending; unit of `x` and `y`.
+    half_width : float
+        Half width of the square window in grid steps; rounded down to m + 1/2 with m >= 1.
+
+    Returns
+    -------
+    LocalFit
+        A quadratic is reproduced to rounding everywhere, the border included.
+    """
+    reach = max(1, int(half_width))
+    u = (x - x_nodes[0]) / (x_nodes[1] - x_nodes[0])
+    v = (y - y_nodes[0]) / (y_nodes[1] - y_nodes[0])
+    offset = float(np.mean(values)) if len(values) else 0.0
+    shape = (len(y_nodes) + 2 * reach, len(x_nodes) + 2 * reach)
+    cells = _cell_moments(u + reach, v + reach, values - offset, shape)
+    window = _window_moments(cells, reach)
+    quadratic = _solved(window, _QUADRATIC, MIN_POINTS_QUADRATIC)
+    linear = _solved(window, _LINEAR, MIN_POINTS_LINEAR)
+    curved = quadratic.leverage <= MAX_LEVERAGE
+    leverage = np.where(curved, quadratic.leverage, linear.leverage)
+    rim = slice(reach - 1, 1 - reach or None)
+    known = _supported(cells.powers[0, rim, rim] > 0.0) & (leverage <= MAX_LEVERAGE)
+    scatter, variance = _pooled_variance(
+        np.where(curved, quadratic.squares, linear.squares),
+        np.where(curved, quadratic.freedom, linear.freedom),
+        known,
+    )
+    value = np.where(curved, quadratic.value, linear.value) + offset
+    return LocalFit(
+        value=np.where(known, value, np.nan),
+        sigma=np.where(known, np.sqrt(variance * np.where(known, leverage, 0.0)), np.nan),
+        leverage=leverage,
+        count=window.powers[0].astype(np.int64),
+        quadratic=curved & known,
+        scatter=scatter,
+    )
+
+
+def _cell_moments(u: Array, v: Array, values: Array, shape: tuple[int, int]) -> _Moments:
+    """Return moments about the centre of each cell; points outside all cells are left out."""
+    ny, nx = shape
+    powers = np.zeros((len(_EXPONENTS), ny * nx))
+    products = np.zeros((7, ny * nx))
+    for start in range(0, len(u), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        ix, iy = np.rint(u[part]), np.rint(v[part])
+        inside = (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
+        ix, iy, z = ix[inside], iy[inside], values[part][inside]
+        cell = (iy * nx + ix).astype(np.intp)
+        p, q = u[part][inside] - ix, v[part][inside] - iy
+        p_powers, q_powers = [np.ones_like(p), p], [np.ones_like(q), q]
+        for _ in range(3):
+            p_powers.append(p_powers[-1] * p)
+            q_powers.append(q_powers[-1] * q)
+        for k, (a, b) in enumerate(_EXPONENTS):
+            weight = p_powers[a] * q_powers[b]
+            powers[k] += np.bincount(cell, weight, ny * nx)
+            if k < 6:
+                products[k] += np.bincount(cell, weight * z, ny * nx)
+        products[6] += np.bincount(cell, z * z, ny * nx)
+    return _Moments(powers.reshape(-1, ny, nx), products.reshape(-1, ny, nx))
+
+
+def _window_moments(cells: _Moments, reach: int) -> _Moments:
+    """Return moments of the square windows of ``2 reach + 1`` cells, about their middle nodes."""
+    powers, products = cells
+    for axis, along in ((2, (1, 0)), (1, (0, 1))):
+        n = powers.shape[axis] - 2 * reach
+        sums = [np.zeros(1)] * 2
+        for step in range(-reach, reach + 1):
+            shift = _shift_matrix((step * along[0], step * along[1]))
+            shift_products = np.eye(7)
+            shift_products[:6, :6] = shift[:6, :6]
+            index = np.arange(reach + step, reach + step + n)
+            sums[0] = sums[0] + np.tensordot(shift, powers.take(index, axis), 1)
+            sums[1] = sums[1] + np.tensordot(shift_products, products.take(index, axis), 1)
+        powers, products = sums
+    return _Moments(powers, products)
+
+
+def _shift_matrix(step: tuple[int, int]) -> Array:
+    """Return the matrix, shape (15, 15), that gives moments about a point `step` cells away.
+
+    ``(u + s)^a (v + t)^b = sum C(a, i) s^(a-i) C(b, j) t^(b-j) u^i v^j``.
+    """
+    matrix = np.zeros((len(_EXPONENTS), len(_EXPONENTS)))
+    for row, (a, b) in enumerate(_EXPONENTS):
+        for i in range(a + 1):
+            for j in range(b + 1):
+                matrix[row, _INDEX[i, j]] = comb(a, i) * step[0] ** (a - i) * comb(b, j) * step[1] ** (b - j)
+    return matrix
+
+
+def _solved(window: _Moments, terms: list[tuple[int, int]], min_points: int) -> _Solution:
+    """Return the constants of least-squares polynomials by elimination with the constant last."""
+    n = len(terms)
+    a = [
+        [window.powers[_INDEX[i[0] + j[0], i[1] + j[1]]].copy() for j in terms[: k + 1]]
+        for k, i in enumerate(terms)
+    ]
+    b = [window.products[_INDEX[i]].copy() for i in terms]
+    count = window.powers[0]
+    sound = count >= min_points
+    explained = np.zeros_like(count)
+    pivot = np.ones_like(count)
+    for k in range(n):
+        diagonal = window.powers[_INDEX[2 * terms[k][0], 2 * terms[k][1]]]
+        sound &= a[k][k] > _MIN_PIVOT * diagonal
+        pivot = np.where(sound, a[k][k], 1.0)
+        explained += b[k] ** 2 / pivot
+        for i in range(k + 1, n):
+            factor = a[i][k] / pivot
+            b[i] -= factor * b[k]
+            for j in range(k + 1, i + 1):
+                a[i][j] -= factor * a[j][k]
+    return _Solution(
+        np.where(sound, b[-1] / pivot, np.nan),
+        np.where(sound, 1.0 / pivot, np.inf),
+        np.maximum(window.products[6] - explained, 0.0),
+        np.maximum(count - n, 0.0),
+    )
+
+
+def _supported(occupied: Mask) -> Mask:
+    """Return whether the own cell of a node holds a point, or two opposite neighbours of it do.
+
+    Parameters
+    ----------
+    occupied : ndarray of bool, shape (ny + 2, nx + 2)
+        Cells with points, those around the grid included.
+
+    Returns
+    -------
+    ndarray of bool, shape (ny, nx)
+        True where some point, or the line between two points, passes the node within one cell.
+    """
+    result = occupied[1:-1, 1:-1].copy()
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        ny, nx = result.shape
+        ahead = occupied[1 + dy : 1 + dy + ny, 1 + dx : 1 + dx + nx]
+        behind = occupied[1 - dy : 1 - dy + ny, 1 - dx : 1 - dx + nx]
+        result |= ahead & behind
+    return result
+
+
+def _pooled_variance(squares: Array, freedom: Array, known: Mask) -> tuple[float, Array]:
+    """Return the scatter of single points over the whole map, and their variance window by window.
+
+    The median over the windows (freed of the skew of chi-square by Wilson and Hilferty, 1931) is not
+    moved by a few bad windows; each window's own variance is drawn towards it.
+    """
+    counted = known & (freedom > 0.0)
+    if not counted.any():
+        return np.nan, np.full_like(squares, np.nan)
+    nu = freedom[counted]
+    common = float(np.median(squares[counted] / nu / (1.0 - 2.0 / (9.0 * nu)) ** 3))
+    return common**0.5, (squares + _PRIOR_FREEDOM * common) / (freedom + _PRIOR_FREEDOM)

@@ -1,0 +1,398 @@
+"""Gauss-Newton for the rigid motion that lays points on a surface.
+
+The unknown is the *total* motion: the points stay as they were measured, every iteration moves the
+originals anew, so nothing drifts. A small motion (w, t) about the centroid changes the distance of a point
+by ``((p - c) x n) . w + n . t`` (Chen and Medioni 1992, doi 10.1016/0262-8856(92)90066-C; for orthogonal
+foot points this is the exact derivative, Pottmann et al. 2006, doi 10.1007/s11263-006-5167-2).
+Rotation columns are divided by the rms radius of the points, so all six compare.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmm_align.numerics.foot_point import Feet
+from cmm_align.numerics.observability import Spectrum, solve_observable, spectrum
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+T = TypeVar("T")
+
+CHUNK: Final = 8192
+"""Points handled at once: all temporaries stay in cache. Fixed, so that sums are reproducible."""
+
+_MAX_HALVINGS: Final = 8
+_LINEAR: Final = 1e-7
+"""A movement of this share of the size changes distances linearly: its square is rounding."""
+_RECOUNT: Final = (1e-6, 1e-3)
+"""Which points count is decided anew only after steps of this share of the size: after larger ones a
+cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays."""
+_OF_SIGMA: Final = 1e-3
+"""An error of the pose this small beside its standard uncertainty is no error."""
+_CURVATURE_SAMPLE: Final = 8192
+_ROUNDING: Final = 64.0 * float(np.finfo(np.float64).eps)
+"""Residuals below this share of the part's size are rounding: nothing is left to gain."""
+
+
+class Measure(NamedTuple):
+    """How far points lie from a surface."""
+
+    distance: Callable[[Array, Feet | None], tuple[Feet, Mask]]
+    """Distance of moved points (a chunk, frame `surface`), given their last feet; and which lie on it."""
+    hessian: Callable[[Array, Feet], Array] | None = None
+    """Second derivatives of the distance with respect to the point, shape (n, 3, 3); None for facets."""
+
+
+class Placement(NamedTuple):
+    """Where the measured cloud lies: ``p = rotation (q - centroid) + position``."""
+
+    rotation: Array
+    position_mm: Array
+
+
+class Evaluation(NamedTuple):
+    """One look at all points under one placement."""
+
+    feet: Feet
+    inside: Mask
+    used: Mask
+    normal_matrix: Array
+    """``J^T J / n_used``, scaled, shape (6, 6)."""
+    gradient: Array
+    """``J^T d / n_used``, scaled, shape (6,), mm."""
+    cost_mm2: float
+    """Mean squared distance of the used points, mm^2."""
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """What ends a fit and what keeps it safe; all dimensionless but the size."""
+
+    size_mm: float
+    """Size of the part, mm: the measure of all movements."""
+    length_mm: float
+    """Rms radius of the points about their centroid, mm."""
+    tolerance: float
+    """Stop if the next step moves no point by more than this share of the size."""
+    max_iterations: int
+    max_rotation_rad: float
+    min_observability: float
+
+
+class FitResult(NamedTuple):
+    """How a fit ended."""
+
+    placement: Placement
+    evaluation: Evaluation
+    spectral: Spectrum
+    iterations: int
+    """Steps taken."""
+    stop_reason: str
+    converged: bool
+    costs_mm2: tuple[float, ...]
+    curvature: Array | None
+    """Newton's matrix beyond ``J^T J``, scaled, shape (6, 6): the same for any fair sample of the points."""
+
+
+def chunks(n: int) -> Iterator[slice]:
+    """Cut n points into slices of `CHUNK`."""
+    return (slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK))
+
+
+def in_threads(work: Callable[[slice], T], n: int) -> list[T]:
+    """Run `work` on every chunk, on all cores, and return the results in the order of the chunks."""
+    parts = list(chunks(n))
+    workers = min(len(parts), os.cpu_count() or 1, 8)
+    if workers <= 1:
+        return [work(part) for part in parts]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(work, parts))
+
+
+def moved(points_mm: Array, placement: Placement) -> Array:
+    """Return centred points in their place, shape (n, 3), mm."""
+    result: Array = points_mm @ placement.rotation.T
+    result += placement.position_mm
+    return result
+
+
+def evaluate(
+    measure: Measure,
+    points_mm: Array,
+    placement: Placement,
+    length_mm: float,
+    *,
+    previous: Feet | None = None,
+    used: Mask | None = None,
+) -> Evaluation:
+    """Measure all points under a placement and sum the normal equations.
+
+    Parameters
+    ----------
+    measure : callable
+        See `Measure`.
+    points_mm : ndarray, shape (n, 3), mm
+        Measured points about their centroid.
+    placement : Placement
+    length_mm : float
+        Scale of the rotation columns, mm.
+    previous : Feet, optional
+        Feet of the last evaluation, to start from.
+    used : ndarray of bool, shape (n,), optional
+        Which points count; without it, those that lie on the surface.
+    """
+    n = len(points_mm)
+    feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)))
+    inside = np.empty(n, dtype=bool)
+
+    def work(part: slice) -> Array:
+        p = moved(points_mm[part], placement)
+        found, on_surface = measure.distance(
+            p, None if previous is None else Feet(*(a[part] for a in previous))
+        )
+        for whole, piece in zip(feet, found, strict=True):
+            whole[part] = piece
+        inside[part] = on_surface
+        counts = on_surface if used is None else used[part]
+        rows = _rows(p, placement, found, length_mm)
+        if not counts.all():
+            rows[:, ~counts] = 0.0
+        sums: Array = rows @ rows.T
+        return sums
+
+    total = np.sum(np.stack(in_threads(work, n)), axis=0)
+    counted = inside if used is None else used
+    count = max(int(np.count_nonzero(counted)), 1)
+    total = total / count
+    return Evaluation(feet, inside, counted, total[:6, :6], total[:6, 6], float(total[6, 6]))
+
+
+def fit(
+    measure: Measure,
+    points_mm: Array,
+    start: Placement,
+    settings: FitSettings,
+    *,
+    used: Mask | None = None,
+    previous: Feet | None = None,
+    curvature: Array | None = None,
+) -> FitResult:
+    """Find the placement with the least mean squared distance.
+
+    Parameters
+    ----------
+    measure, points_mm
+        As for `evaluate`.
+    start : Placement
+    settings : FitSettings
+    used : ndarray of bool, shape (n,), optional
+        Points that count throughout; without it, those that lie on the surface.
+    previous : Feet, optional
+        Feet near the start, to begin from.
+    curvature : ndarray, shape (6, 6), optional
+        From a fit of a sample; without it, it is computed at every placement (where `measure` can).
+
+    Returns
+    -------
+    FitResult
+        The best placement seen, never one that is worse than the start.
+
+    Notes
+    -----
+    Safeguards: steps in the observable motions only; rotation clamped, translation re-solved; a step that
+    raises the cost is halved.
+    """
+    floor = (_ROUNDING * settings.size_mm) ** 2
+    placement = start
+    now = evaluate(measure, points_mm, placement, settings.length_mm, previous=previous, used=used)
+    bend = curvature
+    costs = [now.cost_mm2]
+    iterations = 0
+    reason = "max iterations"
+    converged = False
+    last_movement = np.inf
+    spectral = spectrum(now.normal_matrix, settings.min_observability)
+    while True:
+        if curvature is None and measure.hessian is not None:
+            bend = curvature_term(measure.hessian, points_mm, placement, now, settings.length_mm)
+        step = _clamped(spectral, now, settings, bend)
+        movement = _movement(step, settings)
+        tolerance = settings.tolerance * settings.size_mm
+        if movement <= tolerance:
+            reason, converged = "step below tolerance", True
+            break
+        if now.cost_mm2 <= floor:
+            reason, converged = "residual at rounding", True
+            break
+        if iterations >= settings.max_iterations:
+            break
+        enough = max(tolerance, _OF_SIGMA * _sigma_mm(now, spectral))
+        if movement <= _LINEAR * settings.size_mm and movement * movement / last_movement <= enough:
+            placement, now = _last_step(points_mm, placement, step, now, settings.length_mm)
+            iterations += 1
+            costs.append(now.cost_mm2)
+            reason, converged = "next step below tolerance", True
+            break
+        trial, there = _downhill(measure, points_mm, placement, step, now, settings)
+        if there is None:
+            # A step this small that gains nothing is the optimum seen through rounding.
+            converged = movement <= np.sqrt(settings.tolerance) * settings.size_mm
+            reason = "no further decrease"
+            break
+        if used is None and _RECOUNT[0] < movement / settings.size_mm < _RECOUNT[1]:
+            there = _recounted(points_mm, trial, there, settings.length_mm)
+        placement, now = trial, there
+        last_movement = movement
+        iterations += 1
+        costs.append(now.cost_mm2)
+        spectral = spectrum(now.normal_matrix, settings.min_observability)
+    return FitResult(placement, now, spectral, iterations, reason, converged, tuple(costs), bend)
+
+
+def curvature_term(
+    hessian: Callable[[Array, Feet], Array],
+    points_mm: Array,
+    placement: Placement,
+    now: Evaluation,
+    length_mm: float,
+) -> Array:
+    """Return what Newton's matrix has beyond ``J^T J``: the mean of distance times second derivative.
+
+    With it the steps converge quadratically although form error is left; without it only linearly.
+
+    Parameters
+    ----------
+    hessian : callable
+        See `Measure`.
+    points_mm, placement, now, length_mm
+        As for `evaluate`.
+
+    Returns
+    -------
+    ndarray, shape (6, 6), scaled
+    """
+    pick = np.flatnonzero(now.used)[:: max(1, int(np.count_nonzero(now.used)) // _CURVATURE_SAMPLE)]
+    if len(pick) == 0:
+        return np.zeros((6, 6))
+    feet = Feet(*(a[pick] for a in now.feet))
+    p = moved(points_mm[pick], placement)
+    arm = p - placement.position_mm
+    motion = np.zeros((len(pick), 3, 6))  # how the point moves: w x arm / length + t
+    motion[:, :, 3:] = np.eye(3)
+    for k, unit in enumerate(np.eye(3)):
+        motion[:, :, k] = np.cross(unit, arm) / length_mm
+    weight = feet.distance_mm / len(pick)
+    total = np.einsum("n,nai,nab,nbj->ij", weight, motion, hessian(p, feet), motion, optimize=True)
+    # The second-order part of the rotation itself: n . (w x (w x arm)).
+    outer = np.einsum("n,ni,nj->ij", weight, feet.normal, arm)
+    total[:3, :3] += (0.5 * (outer + outer.T) - np.trace(outer) * np.eye(3)) / length_mm**2
+    result: Array = 0.5 * (total + total.T)
+    return result
+
+
+def _sigma_mm(now: Evaluation, spectral: Spectrum) -> float:
+    """Return the standard uncertainty of the least certain observable motion, mm."""
+    weakest = float(spectral.values[~spectral.free].min(initial=np.inf))
+    return float(np.sqrt(now.cost_mm2 / max(int(np.count_nonzero(now.used)), 1) / weakest))
+
+
+def _recounted(points_mm: Array, placement: Placement, now: Evaluation, length_mm: float) -> Evaluation:
+    """Let exactly the points on the surface count, by correcting the sums for those that changed."""
+    changed = np.flatnonzero(now.inside != now.used)
+    if len(changed) == 0:
+        return now
+    before, after = int(np.count_nonzero(now.used)), int(np.count_nonzero(now.inside))
+    total = np.zeros((7, 7))
+    total[:6, :6], total[:6, 6], total[6, 6] = now.normal_matrix, now.gradient, now.cost_mm2
+    rows = _rows(
+        moved(points_mm[changed], placement), placement, Feet(*(a[changed] for a in now.feet)), length_mm
+    )
+    sign = np.where(now.inside[changed], 1.0, -1.0)
+    total = (total * max(before, 1) + (rows * sign) @ rows.T) / max(after, 1)
+    return now._replace(
+        used=now.inside, normal_matrix=total[:6, :6], gradient=total[:6, 6], cost_mm2=float(total[6, 6])
+    )
+
+
+def _rows(p: Array, placement: Placement, feet: Feet, length_mm: float) -> Array:
+    """Return the rows of the linearised problem, shape (7, n): six motions and the distance."""
+    arm = p - placement.position_mm
+    nx, ny, nz = feet.normal[:, 0], feet.normal[:, 1], feet.normal[:, 2]
+    rows = np.empty((7, len(p)))
+    rows[0] = (arm[:, 1] * nz - arm[:, 2] * ny) / length_mm
+    rows[1] = (arm[:, 2] * nx - arm[:, 0] * nz) / length_mm
+    rows[2] = (arm[:, 0] * ny - arm[:, 1] * nx) / length_mm
+    rows[3:6] = feet.normal.T
+    rows[6] = feet.distance_mm
+    return rows
+
+
+def _last_step(
+    points_mm: Array, placement: Placement, step: Array, now: Evaluation, length_mm: float
+) -> tuple[Placement, Evaluation]:
+    """Take a step so small that distances change linearly, without measuring again."""
+    after = stepped(placement, step, length_mm)
+    distance = np.empty(len(points_mm))
+
+    def work(part: slice) -> None:
+        shift = moved(points_mm[part], after) - moved(points_mm[part], placement)
+        distance[part] = now.feet.distance_mm[part] + np.einsum("ij,ij->i", now.feet.normal[part], shift)
+
+    in_threads(work, len(points_mm))
+    cost = float(np.mean(distance[now.used] ** 2))
+    return after, now._replace(feet=now.feet._replace(distance_mm=distance), cost_mm2=cost)
+
+
+def _clamped(spectral: Spectrum, now: Evaluation, settings: FitSettings, curvature: Array | None) -> Array:
+    """Return the step (w length, t), with the rotation clamped and the translation solved anew."""
+    step = solve_observable(spectral, now.gradient, curvature)
+    angle = float(np.linalg.norm(step[:3])) / settings.length_mm
+    if angle > settings.max_rotation_rad:
+        step[:3] *= settings.max_rotation_rad / angle
+        pull = now.gradient[3:] + now.normal_matrix[3:, :3] @ step[:3]
+        step[3:] = -np.linalg.lstsq(now.normal_matrix[3:, 3:], pull, rcond=1e-6)[0]
+    return step
+
+
+def _movement(step: Array, settings: FitSettings) -> float:
+    """Return the most that the step moves a point, mm."""
+    angle = float(np.linalg.norm(step[:3])) / settings.length_mm
+    return angle * settings.size_mm + float(np.linalg.norm(step[3:]))
+
+
+def stepped(placement: Placement, step: Array, length_mm: float) -> Placement:
+    """Return the placement after a small motion (w length, t) about the centroid."""
+    w = step[:3] / length_mm
+    angle = float(np.linalg.norm(w))
+    x, y, z = (float(value) for value in w)
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    a = np.sinc(angle / np.pi)
+    b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    u, _, vt = np.linalg.svd((np.eye(3) + a * skew + b * (skew @ skew)) @ placement.rotation)
+    return Placement(u @ vt, placement.position_mm + step[3:])
+
+
+def _downhill(
+    measure: Measure,
+    points_mm: Array,
+    placement: Placement,
+    step: Array,
+    now: Evaluation,
+    settings: FitSettings,
+) -> tuple[Placement, Evaluation | None]:
+    """Take the step, or the largest half, quarter ... of it that does not raise the cost."""
+    share = 1.0
+    for _ in range(_MAX_HALVINGS):
+        trial = stepped(placement, share * step, settings.length_mm)
+        there = evaluate(measure, points_mm, trial, settings.length_mm, previous=now.feet, used=now.used)
+        if there.cost_mm2 <= now.cost_mm2 * (1.0 + 1e-12) + (_ROUNDING * settings.size_mm) ** 2:
+            return trial, there
+        share *= 0.5
+    return placement, None
