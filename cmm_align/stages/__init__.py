@@ -1,0 +1,1 @@
+"""The four stages, each pure and each written like the method section of a paper."""

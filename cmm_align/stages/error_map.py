@@ -1,0 +1,259 @@
+"""Stage 3: from single deviations to a map of the form error, with its numbers and a verdict.
+
+Method. The deviations are taken at the foot points of the contacts on the nominal, in frame
+`surface`. A regular grid is laid over their bounding box, as fine as the points can carry. Each node
+gets the value of a local quadratic through the points of a moving window, with its standard
+uncertainty; a node that would have to be extrapolated stays unknown, and so does one outside the
+nominal's aperture. The headline numbers are those of the nodes: the probe's noise is averaged out
+of them, while PV of the single points grows with their number.
+
+Sign: ``deviation > 0`` = excess material along the outward normal n. Along Z it is
+``deviation / n_z``, n_z being negative where the probe is on the -z side.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cmm_align.config import ErrorMapConfig
+from cmm_align.errors import GeometryError, UsageError
+from cmm_align.model import Alignment, DeviationMap, LadderRung, Nominal, Statistics, Verdict, frozen_array
+from cmm_align.numerics.local_regression import LocalFit, local_regression
+from cmm_align.numerics.point_density import filled_box
+from cmm_align.numerics.polynomial_basis import n_terms, orthonormalised, rectangle_polynomials
+from cmm_align.stages.deviation_statistics import deviation_statistics
+from cmm_align.surfaces.geometry import unit_normal
+from cmm_align.surfaces.protocol import Array, Mask
+from cmm_align.units import UM_PER_MM
+
+STEPS_PER_BOX: Final = 1.2
+"""Grid step over the smallest box that is filled almost everywhere: the window of three steps then
+holds three scan lines or more, or 30 points at random."""
+
+DEFAULTS: Final = ErrorMapConfig()
+
+NODES_PER_TERM: Final = 3
+"""Fewest nodes for each term of a polynomial fit to the map."""
+
+LADDER: Final = (
+    ("nothing", 0),
+    ("piston and tilt", 3),
+    ("+ power", 4),
+    ("+ astigmatism", 6),
+    ("+ coma and trefoil", 10),
+    ("36 terms", 36),
+)
+"""Rungs of the ladder: what is removed, and how many polynomials that is."""
+
+_PVR_DEGREE: Final = 7
+"""All products up to this total degree are 36 terms."""
+
+
+class _Places(NamedTuple):
+    """Deviations with the places of their foot points, each of shape (n,)."""
+
+    x_mm: Array
+    y_mm: Array
+    deviation_mm: Array
+
+
+def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> DeviationMap:
+    """Return the map of the deviations behind an alignment.
+
+    Parameters
+    ----------
+    alignment : Alignment
+        Points laid on the nominal; those marked `used` carry the map.
+    config : ErrorMapConfig
+        Spacing, window and tolerances.
+
+    Returns
+    -------
+    DeviationMap
+        With white noise of 0.3 um on 20 000 points and a smooth form error of 27 um PV, PV and RMS
+        are within 3 % of the truth (tested).
+
+    Raises
+    ------
+    GeometryError
+        If no point carries a deviation, or the points span no area.
+    UsageError
+        If the spacing asked for gives more than `config.max_nodes` along the longer side.
+    """
+    nominal = alignment.nominal
+    places = _places(alignment)
+    step_mm = _step(places, config)
+    x_mm, y_mm = (_axis(p, step_mm, exact=config.spacing_mm > 0.0) for p in (places.x_mm, places.y_mm))
+    spacing_mm = float(max(x_mm[1] - x_mm[0], y_mm[1] - y_mm[0]))
+    fit = local_regression(
+        places.x_mm, places.y_mm, places.deviation_mm, x_mm, y_mm, half_width=config.window
+    )
+    x_grid, y_grid = np.meshgrid(x_mm, y_mm)
+    n_z, inside = _normal_z(nominal, x_grid, y_grid)
+    deviation = np.where(inside, fit.value, np.nan)
+    sigma = np.where(inside, fit.sigma, np.nan)
+    if not np.isfinite(deviation).any():
+        raise GeometryError(
+            f"{len(places.x_mm)} points determine no node of a map with {spacing_mm:.3g} mm spacing",
+            expected="points spread over an area of the nominal",
+            remedy="measure more points, or give a larger spacing",
+        )
+    statistics = deviation_statistics(deviation, x_grid, y_grid)
+    ladder, pvr_mm = _ladder(deviation, x_grid, y_grid)
+    u_rms_mm = _u_rms(alignment, places, fit, sigma, statistics)
+    return DeviationMap(
+        alignment=alignment,
+        x_mm=frozen_array(x_mm),
+        y_mm=frozen_array(y_mm),
+        deviation_mm=frozen_array(deviation),
+        sag_deviation_mm=frozen_array(deviation / n_z),
+        sigma_mm=frozen_array(sigma),
+        statistics=statistics,
+        point_statistics=deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm),
+        pvr_mm=pvr_mm,
+        u_rms_mm=u_rms_mm,
+        ladder=ladder,
+        verdict=_verdict(statistics, _u_pv(deviation, sigma), u_rms_mm, config),
+        spacing_mm=spacing_mm,
+    )
+
+
+def _places(alignment: Alignment) -> _Places:
+    """Return the used deviations at their foot points, in frame `surface`."""
+    used = alignment.used & np.isfinite(alignment.deviation_mm)
+    if not used.any():
+        raise GeometryError(
+            f"none of the {len(used)} points has a deviation",
+            expected="points over the nominal's aperture",
+            remedy="look at the alignment with cmm-align info",
+        )
+    deviation = alignment.deviation_mm[used]
+    foot_part = alignment.contact_part_mm[used] - deviation[:, None] * alignment.normals[used]
+    foot = alignment.nominal.surface_from_part.apply(foot_part)
+    return _Places(np.ascontiguousarray(foot[:, 0]), np.ascontiguousarray(foot[:, 1]), deviation)
+
+
+def _step(places: _Places, config: ErrorMapConfig) -> float:
+    """Return the grid step, mm: as asked for, or the finest that the points carry."""
+    sides = sorted((float(np.ptp(places.x_mm)), float(np.ptp(places.y_mm))))
+    if sides[0] <= 1e-9 * sides[1] or sides[1] == 0.0:
+        raise GeometryError(
+            f"the {len(places.x_mm)} points span {sides[1]:.4g} x {sides[0]:.4g} mm",
+            expected="points spread over an area",
+            remedy="measure more than one line",
+        )
+    finest = sides[1] / (config.max_nodes - 1)
+    if config.spacing_mm > 0.0:
+        if config.spacing_mm < finest:
+            raise UsageError(
+                f"a spacing of {config.spacing_mm:.4g} mm over {sides[1]:.4g} mm",
+                expected=f"at most {config.max_nodes} nodes along the longer side",
+                remedy=f"give at least {finest:.4g} mm, or raise max_nodes",
+            )
+        return config.spacing_mm
+    coarsest = max(0.5 * sides[0], finest)
+    box = filled_box(places.x_mm, places.y_mm, finest / STEPS_PER_BOX, coarsest / STEPS_PER_BOX)
+    return max(finest, STEPS_PER_BOX * box)
+
+
+def _axis(places_mm: Array, step_mm: float, *, exact: bool) -> Array:
+    """Return at least two nodes evenly about the middle of the extent of the places, mm.
+
+    With `exact` the step is kept and the outer nodes lie up to half a step inside the extent. Without
+    it the step shrinks a little so that they lie a quarter of a step inside: on the ends, where PV is
+    often found, the border would weigh too much in the RMS; half a step inside, PV would be lost.
+    """
+    low, high = float(places_mm.min()), float(places_mm.max())
+    steps = (high - low) / step_mm
+    if exact:
+        n = max(int(steps + 1e-9) + 1, 2)
+        half = 0.5 * (n - 1) * step_mm
+        middle = 0.5 * (low + high)
+        nodes: Array = np.linspace(middle - half, middle + half, n)
+        return nodes
+    n = max(int(np.ceil(steps - 0.5 - 1e-9)) + 1, 2)
+    inset = 0.25 * (high - low) / (n - 0.5)
+    return np.asarray(np.linspace(low + inset, high - inset, n), dtype=np.float64)
+
+
+def _normal_z(nominal: Nominal, x_grid: Array, y_grid: Array) -> tuple[Array, Mask]:
+    """Return n_z (with the sign of the side) at the nodes, and whether they lie on the nominal."""
+    x, y = x_grid.ravel(), y_grid.ravel()
+    n_z = unit_normal(nominal.surface.jet(x, y), nominal.side)[:, 2]
+    return n_z.reshape(x_grid.shape), nominal.surface.contains(x, y).reshape(x_grid.shape)
+
+
+def _ladder(deviation: Array, x_grid: Array, y_grid: Array) -> tuple[tuple[LadderRung, ...], float]:
+    """Return what low orders leave behind, and PVr.
+
+    PVr (C. J. Evans, Opt. Eng. 48, 2009, doi 10.1117/1.3119307) is the PV of the 36-term fit plus three times
+    the RMS of the rest. A map too small for 36 terms has a shorter ladder, and its PVr takes the
+    highest full degree that the nodes carry.
+    """
+    known = np.isfinite(deviation)
+    e = deviation[known]
+    degree = max(d for d in range(_PVR_DEGREE + 1) if d == 0 or n_terms(d) * NODES_PER_TERM <= len(e))
+    basis = orthonormalised(rectangle_polynomials(x_grid[known], y_grid[known], degree))
+    coefficients = basis.T @ e / len(e)
+    rungs = []
+    for removed, terms in LADDER:
+        if terms <= basis.shape[1]:
+            rest = e - basis[:, :terms] @ coefficients[:terms]
+            rungs.append(LadderRung(removed, float(np.ptp(rest)), float(np.sqrt(np.mean(rest**2)))))
+    fit = basis @ coefficients
+    return tuple(rungs), float(np.ptp(fit) + 3.0 * np.sqrt(np.mean((e - fit) ** 2)))
+
+
+def _u_rms(
+    alignment: Alignment, places: _Places, fit: LocalFit, sigma: Array, statistics: Statistics
+) -> float:
+    """Return the standard uncertainty of the RMS of the map, mm.
+
+    Three parts in quadrature: the scatter of the points (``s / sqrt(N)``, as every point enters
+    the map once); the share of noise that the nodes keep, which only ever adds, ``mean sigma^2 / (2 RMS)``;
+    and the pose, ``g C g`` with ``g = mean(e J) / RMS``. Correlated errors of the machine are not in it.
+    """
+    rms = statistics.rms_mm
+    noise = 0.0 if np.isnan(fit.scatter) else fit.scatter / len(places.x_mm) ** 0.5
+    if rms == 0.0:
+        return noise
+    kept = sigma[np.isfinite(sigma)]
+    bias = float(np.mean(kept**2)) / (2.0 * rms) if len(kept) else 0.0
+    used = alignment.used & np.isfinite(alignment.deviation_mm)
+    centres, normals = alignment.tip_centre_part_mm[used], alignment.normals[used]
+    push = places.deviation_mm[:, None] * normals
+    turn = np.cross(centres - centres.mean(axis=0), push).sum(axis=0)
+    gradient = np.concatenate([turn, push.sum(axis=0)]) / (len(push) * rms)
+    pose = float(gradient @ np.nan_to_num(alignment.covariance) @ gradient)
+    return float(np.sqrt(noise**2 + bias**2 + max(pose, 0.0)))
+
+
+def _u_pv(deviation: Array, sigma: Array) -> float:
+    """Return the standard uncertainty of PV, mm: that of its two extreme nodes."""
+    two = sigma.flat[int(np.nanargmin(deviation))], sigma.flat[int(np.nanargmax(deviation))]
+    return float(np.hypot(*np.nan_to_num(two)))
+
+
+def _verdict(statistics: Statistics, u_pv_mm: float, u_rms_mm: float, config: ErrorMapConfig) -> Verdict:
+    """Return the decision under the rule of ISO 14253-1: a guard band on both sides of a tolerance."""
+    outcomes = []
+    for value_mm, u_mm, tolerance_um in (
+        (statistics.pv_mm, u_pv_mm, config.tolerance_pv_um),
+        (statistics.rms_mm, u_rms_mm, config.tolerance_rms_um),
+    ):
+        if tolerance_um <= 0.0:
+            continue
+        margin_um = tolerance_um - value_mm * UM_PER_MM
+        guard_um = config.guard_factor * u_mm * UM_PER_MM
+        if margin_um < 0.0 and margin_um <= -guard_um:
+            outcomes.append(Verdict.FAIL)
+        elif margin_um >= guard_um:
+            outcomes.append(Verdict.PASS)
+        else:
+            outcomes.append(Verdict.UNDECIDED)
+    for verdict in (Verdict.FAIL, Verdict.UNDECIDED, Verdict.PASS):
+        if verdict in outcomes:
+            return verdict
+    return Verdict.NONE
