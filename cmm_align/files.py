@@ -1,0 +1,160 @@
+"""The one door for any file: ours or somebody else's, chosen by content."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, TypeAlias
+
+from cmm_align import formats, io
+from cmm_align.errors import MalformedInputError, MissingFileError, WrongStageError
+from cmm_align.io.schema import NOMINAL, STAGES
+from cmm_align.model import Nominal, PointKind, PointSet
+from cmm_align.provenance import Step
+from cmm_align.surfaces.prescription import PrescriptionSurface
+from cmm_align.surfaces.protocol import Array
+
+AnyNoun: TypeAlias = io.Noun | PointSet | PrescriptionSurface
+
+_HDF5_SUFFIXES: Final = (".h5", ".hdf5", ".hdf")
+
+
+def read(path: Path | str, units: str | None = None) -> AnyNoun:
+    """Return what any file holds: a noun of ours, points, or a prescription.
+
+    Parameters
+    ----------
+    path : path
+    units : str, optional
+        Unit of length where the file states none; mm by default.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, malformed, or in another unit.
+    """
+    if not _is_hdf5(path):
+        return formats.read_nominal_source(path, units)
+    if io.schema_of(path) is None:
+        return io.read_points_hdf5(path, units)
+    return io.read(path)
+
+
+def read_measured(path: Path | str, units: str | None = None) -> PointSet:
+    """Return the points of a measurement.
+
+    Raises
+    ------
+    WrongStageError
+        If the file is a nominal, or a result of one of our stages.
+    InputError
+        If the file is missing, malformed, or in another unit.
+    """
+    points = io.read_points_hdf5(path, units) if _is_hdf5(path) else formats.read_points(path, units)
+    if points.kind in {PointKind.NOMINAL, PointKind.COMMANDED}:
+        raise WrongStageError(
+            f"these are {points.kind.value} points, not measured ones",
+            where=str(path),
+            expected="points of the measuring machine",
+            remedy="the order is: cmm-align align MEASURED NOMINAL",
+        )
+    return points
+
+
+def read_nominal_any(
+    path: Path | str, units: str | None = None, with_equidistant: bool = False
+) -> Nominal | PointSet | PrescriptionSurface:
+    """Return a nominal in whatever form the file holds it.
+
+    Parameters
+    ----------
+    path : path
+    units : str, optional
+        Unit of length where the file states none; mm by default.
+    with_equidistant : bool
+        Whether a file of `offset` is read with its net of nodes and triangles.
+
+    Raises
+    ------
+    WrongStageError
+        If the file is a result of a later stage, or commanded points.
+    InputError
+        If the file is missing, malformed, or in another unit.
+    """
+    if not _is_hdf5(path):
+        source = formats.read_nominal_source(path, units)
+    else:
+        found = io.schema_of(path)
+        if found is not None:
+            return io.read_nominal(path, with_equidistant)
+        source = io.read_points_hdf5(path, units)
+    if isinstance(source, PointSet) and source.kind in {PointKind.TIP_CENTRE, PointKind.COMMANDED}:
+        raise WrongStageError(
+            f"these are {source.kind.value} points, not a nominal",
+            where=str(path),
+            expected=f"points of the design, a prescription, or {STAGES[NOMINAL].noun} made by `offset`",
+            remedy="the order is: cmm-align align MEASURED NOMINAL",
+        )
+    return source
+
+
+def write(noun: io.Noun, path: Path | str, steps: Sequence[Step] = (), overwrite: bool = False) -> None:
+    """Write a noun of ours, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an old file is then as it was.
+    """
+    io.write(noun, path, steps, overwrite)
+
+
+def write_points(
+    path: Path | str,
+    points: PointSet,
+    *,
+    units: str = "mm",
+    decimals: int = 6,
+    normals: Array | None = None,
+    with_ids: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Write points as text of ours, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    points : PointSet
+    units : str
+        Unit of length in the file.
+    decimals : int
+        Digits after the decimal point of lengths, in `units`.
+    normals : ndarray, shape (N, 3), optional
+        Unit vectors for the columns i, j, k, in the frame of the points.
+    with_ids : bool
+        Whether to write the column `id`.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an old file is then as it was.
+    """
+    blocks = formats.text_blocks(points, units=units, decimals=decimals, normals=normals, with_ids=with_ids)
+    with io.atomic_path(path, overwrite) as temporary, temporary.open("wb") as stream:
+        stream.writelines(blocks)
+
+
+def _is_hdf5(path: Path | str) -> bool:
+    """Return whether a file is HDF5 by content; the suffix decides where the content says nothing."""
+    try:
+        with Path(path).open("rb") as stream:
+            head = stream.read(len(io.MAGIC))
+    except OSError as error:
+        raise MissingFileError(f"cannot read it ({error.strerror})", where=str(path)) from None
+    if not head and Path(path).suffix.lower() not in _HDF5_SUFFIXES:
+        raise MalformedInputError("the file is empty (0 bytes)", where=str(path), expected="points")
+    if head == io.MAGIC:
+        return True
+    return Path(path).suffix.lower() in _HDF5_SUFFIXES and (not head or io.MAGIC.startswith(head))

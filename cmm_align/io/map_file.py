@@ -1,0 +1,67 @@
+"""The file of a deviation map, written by `error-map`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+from cmm_align.errors import MalformedInputError
+from cmm_align.io import alignment_file
+from cmm_align.io.hdf5_library import h5py
+from cmm_align.io.records import read_record, typed, write_record
+from cmm_align.io.safe_hdf5 import attribute, json_attribute, read_array, where_of
+from cmm_align.io.writing import write_array
+from cmm_align.model import DeviationMap, LadderRung, Statistics, Verdict
+
+
+def write_body(file: h5py.File, noun: DeviationMap) -> None:
+    """Fill a file with a map and the alignment behind it."""
+    alignment_file.write_body(file, noun.alignment)
+    grid = file.create_group("grid")
+    for name in ("x_mm", "y_mm", "deviation_mm", "sag_deviation_mm", "sigma_mm"):
+        write_array(grid, name, getattr(noun, name))
+    grid.attrs["spacing_mm"] = float(noun.spacing_mm)
+    statistics = file.create_group("statistics")
+    write_record(statistics.create_group("nodes"), noun.statistics)
+    write_record(statistics.create_group("points"), noun.point_statistics)
+    statistics.attrs["pvr_mm"] = float(noun.pvr_mm)
+    statistics.attrs["u_rms_mm"] = float(noun.u_rms_mm)
+    statistics.attrs["ladder"] = json.dumps([asdict(rung) for rung in noun.ladder])
+    statistics.attrs["verdict"] = noun.verdict.value
+
+
+def read_body(file: h5py.File) -> DeviationMap:
+    """Return the map of a file.
+
+    Raises
+    ------
+    MalformedInputError
+        If something is missing or not as expected.
+    """
+    x = read_array(file, "/grid/x_mm", (None,), finite=True)
+    y = read_array(file, "/grid/y_mm", (None,), finite=True)
+    shape = (len(y), len(x))
+    ladder = json_attribute(file, "/statistics", "ladder")
+    where = where_of(file, "/statistics/@ladder")
+    verdict = attribute(file, "/statistics", "verdict")
+    if verdict not in set(Verdict):
+        raise MalformedInputError(
+            f"{verdict!r}",
+            where=where_of(file, "/statistics/@verdict"),
+            expected="pass, fail, undecided or none",
+        )
+    return DeviationMap(
+        alignment=alignment_file.read_body(file),
+        x_mm=x,
+        y_mm=y,
+        deviation_mm=read_array(file, "/grid/deviation_mm", shape),
+        sag_deviation_mm=read_array(file, "/grid/sag_deviation_mm", shape),
+        sigma_mm=read_array(file, "/grid/sigma_mm", shape),
+        statistics=read_record(file, "/statistics/nodes", Statistics),
+        point_statistics=read_record(file, "/statistics/points", Statistics),
+        pvr_mm=attribute(file, "/statistics", "pvr_mm", float),
+        u_rms_mm=attribute(file, "/statistics", "u_rms_mm", float),
+        ladder=typed(ladder, tuple[LadderRung, ...], where),
+        verdict=Verdict(verdict),
+        spacing_mm=attribute(file, "/grid", "spacing_mm", float),
+    )

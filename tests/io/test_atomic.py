@@ -1,0 +1,202 @@
+"""An output appears whole or not at all; an old one survives everything."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cmm_align import io
+from cmm_align.errors import OutputError, OutputExistsError, OutputLockedError
+from cmm_align.io.atomic import atomic_path, check_writable
+from cmm_align.io.lock import lock_path
+
+DEAD_PID = 2**22 + 1  # above the largest a Linux kernel gives out
+
+
+def only(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def write(path, text, overwrite=False):
+    with atomic_path(path, overwrite) as temporary:
+        temporary.write_text(text)
+
+
+def test_an_existing_output_is_refused_and_stays(alignment, tmp_path):
+    out = tmp_path / "a.h5"
+    out.write_text("old")
+    with pytest.raises(OutputExistsError, match="--overwrite"):
+        io.write(alignment, out)
+    assert out.read_text() == "old"
+    io.write(alignment, out, overwrite=True)
+    assert only(tmp_path) == ["a.h5"]
+    io.read_alignment(out)
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [("no/a.h5", "there is no folder"), ("file/a.h5", "there is no folder"), ("dir", "folder")],
+)
+def test_a_place_that_cannot_be_written_is_refused_before_computing(name, what, tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "dir").mkdir()
+    with pytest.raises(OutputError, match=what) as caught:
+        check_writable(tmp_path / name, overwrite=True)
+    assert caught.value.exit_code == 8
+
+
+def test_an_input_is_never_the_output(tmp_path):
+    (tmp_path / "a").write_text("x")
+    (tmp_path / "b").symlink_to(tmp_path / "a")
+    with pytest.raises(OutputError, match="also an input"):
+        check_writable(tmp_path / "a", True, inputs=[tmp_path / "b"])
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, MemoryError, SystemExit])
+def test_any_error_leaves_the_old_file_and_nothing_else(error, alignment, monkeypatch, tmp_path):
+    (tmp_path / "a.h5").write_text("old")
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("cmm_align.io.alignment_file.write_record", fail)
+    with pytest.raises(error):
+        io.write(alignment, tmp_path / "a.h5", overwrite=True)
+    assert only(tmp_path) == ["a.h5"]
+    assert (tmp_path / "a.h5").read_text() == "old"
+
+
+def test_what_cannot_be_read_back_is_not_kept(alignment, monkeypatch, tmp_path):
+    monkeypatch.setattr(
+        "cmm_align.io.writing._shapes", lambda file, seen=[]: seen.append(0) or {"/x": (len(seen),)}
+    )
+    with pytest.raises(OutputError, match="not complete"):
+        io.write(alignment, tmp_path / "a.h5")
+    assert only(tmp_path) == []
+
+
+def test_a_symbolic_link_is_kept_and_its_target_replaced(tmp_path):
+    (tmp_path / "target").write_text("old")
+    (tmp_path / "link").symlink_to("target")
+    write(tmp_path / "link", "new", overwrite=True)
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text() == "new"
+
+
+def test_the_temporary_file_keeps_the_suffix(tmp_path):
+    with atomic_path(tmp_path / "a.png") as temporary:
+        assert temporary.suffix == ".png"
+        assert temporary.parent == tmp_path
+        temporary.write_text("x")
+
+
+def test_a_block_that_writes_nothing_is_an_error(tmp_path):
+    with pytest.raises(OutputError, match="cannot write it"), atomic_path(tmp_path / "a"):
+        pass
+    assert only(tmp_path) == []
+
+
+def test_a_second_run_is_refused_at_once(tmp_path):
+    with atomic_path(tmp_path / "a") as temporary:
+        temporary.write_text("first")
+        with pytest.raises(OutputLockedError, match=f"process {os.getpid()} on"):
+            write(tmp_path / "a", "second")
+    assert (tmp_path / "a").read_text() == "first"
+    assert only(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("content", "taken"),
+    [
+        ({"pid": DEAD_PID, "host": platform.node(), "temporary": ".left"}, True),
+        ({"pid": DEAD_PID, "host": "elsewhere", "temporary": ".left"}, False),
+        ({"pid": os.getpid(), "host": platform.node(), "temporary": ".left"}, False),
+        ({"pid": "x"}, False),
+    ],
+    ids=["dead here", "elsewhere", "alive", "unreadable"],
+)
+def test_only_the_lock_of_a_dead_process_here_is_taken_over(content, taken, tmp_path):
+    out = tmp_path / "a"
+    lock_path(out).write_text(json.dumps(content))
+    (tmp_path / ".left").write_text("orphan")
+    if taken:
+        write(out, "new")
+        assert only(tmp_path) == ["a"]
+    else:
+        with pytest.raises(OutputLockedError, match="remove"):
+            write(out, "new")
+        assert only(tmp_path) == [".left", "a.lock"]
+
+
+def test_a_lock_never_removes_a_file_of_another_folder(tmp_path):
+    (tmp_path / "precious").write_text("x")
+    (tmp_path / "sub").mkdir()
+    out = tmp_path / "sub" / "a"
+    lock = {"pid": DEAD_PID, "host": platform.node(), "temporary": "../precious"}
+    lock_path(out).write_text(json.dumps(lock))
+    write(out, "new")
+    assert (tmp_path / "precious").exists()
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from cmm_align.io.atomic import atomic_path
+with atomic_path(sys.argv[1], True) as temporary:
+    temporary.write_text("half")
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_a_killed_writer_leaves_the_old_file_and_the_next_run_cleans_up(tmp_path):
+    out = tmp_path / "a"
+    out.write_text("old")
+    with subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(out)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
+        assert child.stdout.readline() == b"ready\n"
+        child.send_signal(signal.SIGKILL)
+    assert out.read_text() == "old"
+    assert len(only(tmp_path)) == 3
+    write(out, "new", overwrite=True)
+    assert only(tmp_path) == ["a"]
+    assert out.read_text() == "new"
+
+
+DISK_FULL = """
+import resource, signal, sys
+sys.path.insert(0, sys.argv[2])
+from conftest import _alignment
+from cmm_align import io
+from cmm_align.errors import OutputError
+noun = _alignment(20000)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), int(sys.argv[3])))
+try:
+    io.write(noun, sys.argv[1], overwrite=True)
+except OutputError as error:
+    sys.exit(error.exit_code)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on file size")
+@pytest.mark.parametrize("limit", [100, 5_000, 700_000])
+def test_a_full_disk_leaves_the_old_file(limit, tmp_path):
+    out = tmp_path / "a.h5"
+    out.write_text("old")
+    here = str(Path(__file__).parent)
+    run = subprocess.run(
+        [sys.executable, "-c", DISK_FULL, str(out), here, str(limit)], capture_output=True, check=False
+    )
+    assert run.returncode == 8, run.stderr.decode()
+    assert out.read_text() == "old"
+    assert only(tmp_path) == ["a.h5"]
