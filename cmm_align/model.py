@@ -26,7 +26,7 @@ MIN_POINTS: Final = 6
 
 
 def frozen_array(values: ArrayLike, dtype: type = np.float64) -> Any:
-    """Return `values` as a read-only array of `dtype`; a view where it is one already."""
+    """Return `values` (any shape, any unit) as a read-only array of `dtype`; a view where it is one."""
     array: NDArray[Any] = np.asarray(values, dtype=dtype).view()
     array.flags.writeable = False
     return array
@@ -44,7 +44,6 @@ class PointKind(StrEnum):
     COMMANDED = "commanded"
     """Point of a surface to grind, written by `compensate`."""
     UNSTATED = "unstated"
-    """The file does not say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +83,13 @@ class PointSet:
         sigma_mm: ArrayLike | None = None,
     ) -> PointSet:
         """Return a checked set of points.
+
+        Parameters
+        ----------
+        points_mm : array_like, shape (N, 3), mm, frame `frame`
+            Copied only if it is not a contiguous float64 array.
+        kind, frame, ids, source, sigma_mm
+            As the attributes; `ids` of shape (N,) are 0, 1, 2 ... if left out.
 
         Raises
         ------

@@ -20,6 +20,9 @@ STEP_TOLERANCE: Final = 1e-5
 """A Newton step below this share of the local radius of curvature ends the iteration: what is left is
 its square, and the distance feels only the fourth power."""
 
+ROUGH_TOLERANCE: Final = 3e-4
+"""The same for distances that will be measured again from the feet found: good to some 1e-9 mm."""
+
 MAX_STEPS: Final = 30
 
 
@@ -27,17 +30,34 @@ class HeightDerivatives(Protocol):
     """Height and derivatives at n places; `surfaces.protocol.Jet` is one."""
 
     @property
-    def z(self) -> Array: ...  # noqa: D102
+    def z(self) -> Array:
+        """Height, shape (n,), mm."""
+        ...
+
     @property
-    def zx(self) -> Array: ...  # noqa: D102
+    def zx(self) -> Array:
+        """Slope along x, shape (n,)."""
+        ...
+
     @property
-    def zy(self) -> Array: ...  # noqa: D102
+    def zy(self) -> Array:
+        """Slope along y, shape (n,)."""
+        ...
+
     @property
-    def zxx(self) -> Array: ...  # noqa: D102
+    def zxx(self) -> Array:
+        """Second derivative, shape (n,), 1/mm."""
+        ...
+
     @property
-    def zxy(self) -> Array: ...  # noqa: D102
+    def zxy(self) -> Array:
+        """Second derivative, shape (n,), 1/mm."""
+        ...
+
     @property
-    def zyy(self) -> Array: ...  # noqa: D102
+    def zyy(self) -> Array:
+        """Second derivative, shape (n,), 1/mm."""
+        ...
 
 
 JetFunction = Callable[[Array, Array], HeightDerivatives]
@@ -58,7 +78,13 @@ class Feet(NamedTuple):
 
 
 def foot_points(
-    jet: JetFunction, side: int, points_mm: Array, x_mm: Array, y_mm: Array, limits: Limits
+    jet: JetFunction,
+    side: int,
+    points_mm: Array,
+    x_mm: Array,
+    y_mm: Array,
+    limits: Limits,
+    tolerance: float = STEP_TOLERANCE,
 ) -> Feet:
     """Return the foot points of a chunk of points.
 
@@ -73,6 +99,8 @@ def foot_points(
         Where to start: the nearer, the fewer evaluations.
     limits : tuple of float
         Feet are held inside; those that end on the limits are no foot points.
+    tolerance : float
+        `STEP_TOLERANCE` or `ROUGH_TOLERANCE`.
 
     Returns
     -------
@@ -89,23 +117,24 @@ def foot_points(
     longest = 0.25 * float(np.hypot(x_max - x_min, y_max - y_min))
     x = np.clip(x_mm, x_min, x_max)
     y = np.clip(y_mm, y_min, y_max)
-    feet, open_ = _newton_step(jet, side, points_mm, x, y, limits, longest)
+    feet, reach = _newton_step(jet, side, points_mm, x, y, limits, longest)
+    open_ = np.flatnonzero(reach > tolerance)
     for _ in range(MAX_STEPS - 1):  # only the points whose step was not short yet
         if not len(open_):
             break
-        again, still = _newton_step(
+        again, reach = _newton_step(
             jet, side, points_mm[open_], feet.x_mm[open_], feet.y_mm[open_], limits, longest
         )
         for whole, part in zip(feet, again, strict=True):
             whole[open_] = part
-        open_ = open_[still]
+        open_ = open_[reach > tolerance]
     return feet
 
 
 def _newton_step(
     jet: JetFunction, side: int, points_mm: Array, x: Array, y: Array, limits: Limits, longest: float
-) -> tuple[Feet, NDArray[np.intp]]:
-    """Take one safeguarded step; return the feet after it and the points that need another one."""
+) -> tuple[Feet, Array]:
+    """Take one safeguarded step; return the feet after it and the steps in radii of curvature."""
     px, py, pz = points_mm[:, 0], points_mm[:, 1], points_mm[:, 2]
     x_min, x_max, y_min, y_max = limits
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -123,14 +152,20 @@ def _newton_step(
             det = hxx * hyy - hxy * hxy
         gx = x - px + down * j.zx
         gy = y - py + down * j.zy
-        dx = np.clip((hxy * gy - hyy * gx) / det, -longest, longest)
-        dy = np.clip((hxy * gx - hxx * gy) / det, -longest, longest)
-        dx = np.clip(x + dx, x_min, x_max) - x
-        dy = np.clip(y + dy, y_min, y_max) - y
+        dx = _held((hxy * gy - hyy * gx) / det, x, x_min, x_max, longest)
+        dy = _held((hxy * gx - hxx * gy) / det, y, y_min, y_max, longest)
         curvature = np.abs(j.zxx) + np.abs(j.zxy) + np.abs(j.zyy)
         reach = np.maximum(np.abs(dx), np.abs(dy)) * np.maximum(curvature, 1.0 / longest)
         feet = _feet_by_taylor(j, side, points_mm, x, y, dx, dy)
-        return feet, np.flatnonzero(reach > STEP_TOLERANCE)
+        return feet, reach
+
+
+def _held(step: Array, x: Array, x_min: float, x_max: float, longest: float) -> Array:
+    """Keep a step inside the limits; most need no holding, and asking is cheaper than doing."""
+    after = x + step
+    if not (after.min() >= x_min and after.max() <= x_max):
+        step = np.clip(x + np.clip(step, -longest, longest), x_min, x_max) - x
+    return step
 
 
 def _feet_by_taylor(
@@ -200,7 +235,7 @@ class SeedTable(NamedTuple):
     foot_y_mm: Array
 
 
-def seed_table(jet: JetFunction, side: int, radius_mm: float, limits: Limits, nodes: int = 192) -> SeedTable:
+def seed_table(jet: JetFunction, side: int, radius_mm: float, limits: Limits, nodes: int = 128) -> SeedTable:
     """Tabulate where the ball touches when its centre stands above (X, Y).
 
     Parameters
@@ -223,7 +258,7 @@ def seed_table(jet: JetFunction, side: int, radius_mm: float, limits: Limits, no
     px, py = (a.ravel() for a in np.meshgrid(xs, ys))
     x, y = np.clip(px, x_min, x_max), np.clip(py, y_min, y_max)
     with np.errstate(invalid="ignore"):
-        for _ in range(8):
+        for _ in range(6):
             j = jet(x, y)
             scale = side * radius_mm / np.sqrt(1.0 + j.zx**2 + j.zy**2)
             x = np.clip(np.where(np.isfinite(scale), px + j.zx * scale, px), x_min, x_max)

@@ -1,74 +1,44 @@
-"""Gauss-Newton for the rigid motion that lays points on a surface.
+"""Newton's method for the rigid motion that lays points on a surface.
 
 The unknown is the *total* motion: the points stay as they were measured, every iteration moves the
-originals anew, so nothing drifts. A small motion (w, t) about the centroid changes the distance of a point
-by ``((p - c) x n) . w + n . t`` (Chen and Medioni 1992, doi 10.1016/0262-8856(92)90066-C; for orthogonal
-foot points this is the exact derivative, Pottmann et al. 2006, doi 10.1007/s11263-006-5167-2).
-Rotation columns are divided by the rms radius of the points, so all six compare.
+originals anew, so nothing drifts. The matrix is Gauss-Newton's plus the second-order term of the distance
+where the surface is smooth, so that the steps converge quadratically although form error is left.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.foot_point import Feet
+from cmm_align.numerics.linearisation import (
+    Evaluation,
+    Measure,
+    Placement,
+    curvature_term,
+    evaluate,
+    in_threads,
+    moved,
+    rows_of,
+)
 from cmm_align.numerics.observability import Spectrum, solve_observable, spectrum
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-T = TypeVar("T")
-
-CHUNK: Final = 8192
-"""Points handled at once: all temporaries stay in cache. Fixed, so that sums are reproducible."""
 
 _MAX_HALVINGS: Final = 8
-_LINEAR: Final = 1e-7
-"""A movement of this share of the size changes distances linearly: its square is rounding."""
+_LINEAR: Final = 1e-6
+"""A movement of this share of the size changes distances linearly: its square is some 1e-10 mm."""
 _RECOUNT: Final = (1e-6, 1e-3)
 """Which points count is decided anew only after steps of this share of the size: after larger ones a
 cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays."""
-_OF_SIGMA: Final = 1e-3
-"""An error of the pose this small beside its standard uncertainty is no error."""
-_CURVATURE_SAMPLE: Final = 8192
+_OF_SIGMA: Final = 1e-2
+"""After a sample, an error of the pose this small beside its standard uncertainty is no error."""
 _ROUNDING: Final = 64.0 * float(np.finfo(np.float64).eps)
 """Residuals below this share of the part's size are rounding: nothing is left to gain."""
-
-
-class Measure(NamedTuple):
-    """How far points lie from a surface."""
-
-    distance: Callable[[Array, Feet | None], tuple[Feet, Mask]]
-    """Distance of moved points (a chunk, frame `surface`), given their last feet; and which lie on it."""
-    hessian: Callable[[Array, Feet], Array] | None = None
-    """Second derivatives of the distance with respect to the point, shape (n, 3, 3); None for facets."""
-
-
-class Placement(NamedTuple):
-    """Where the measured cloud lies: ``p = rotation (q - centroid) + position``."""
-
-    rotation: Array
-    position_mm: Array
-
-
-class Evaluation(NamedTuple):
-    """One look at all points under one placement."""
-
-    feet: Feet
-    inside: Mask
-    used: Mask
-    normal_matrix: Array
-    """``J^T J / n_used``, scaled, shape (6, 6)."""
-    gradient: Array
-    """``J^T d / n_used``, scaled, shape (6,), mm."""
-    cost_mm2: float
-    """Mean squared distance of the used points, mm^2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,79 +69,6 @@ class FitResult(NamedTuple):
     costs_mm2: tuple[float, ...]
     curvature: Array | None
     """Newton's matrix beyond ``J^T J``, scaled, shape (6, 6): the same for any fair sample of the points."""
-
-
-def chunks(n: int) -> Iterator[slice]:
-    """Cut n points into slices of `CHUNK`."""
-    return (slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK))
-
-
-def in_threads(work: Callable[[slice], T], n: int) -> list[T]:
-    """Run `work` on every chunk, on all cores, and return the results in the order of the chunks."""
-    parts = list(chunks(n))
-    workers = min(len(parts), os.cpu_count() or 1, 8)
-    if workers <= 1:
-        return [work(part) for part in parts]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(work, parts))
-
-
-def moved(points_mm: Array, placement: Placement) -> Array:
-    """Return centred points in their place, shape (n, 3), mm."""
-    result: Array = points_mm @ placement.rotation.T
-    result += placement.position_mm
-    return result
-
-
-def evaluate(
-    measure: Measure,
-    points_mm: Array,
-    placement: Placement,
-    length_mm: float,
-    *,
-    previous: Feet | None = None,
-    used: Mask | None = None,
-) -> Evaluation:
-    """Measure all points under a placement and sum the normal equations.
-
-    Parameters
-    ----------
-    measure : callable
-        See `Measure`.
-    points_mm : ndarray, shape (n, 3), mm
-        Measured points about their centroid.
-    placement : Placement
-    length_mm : float
-        Scale of the rotation columns, mm.
-    previous : Feet, optional
-        Feet of the last evaluation, to start from.
-    used : ndarray of bool, shape (n,), optional
-        Which points count; without it, those that lie on the surface.
-    """
-    n = len(points_mm)
-    feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)))
-    inside = np.empty(n, dtype=bool)
-
-    def work(part: slice) -> Array:
-        p = moved(points_mm[part], placement)
-        found, on_surface = measure.distance(
-            p, None if previous is None else Feet(*(a[part] for a in previous))
-        )
-        for whole, piece in zip(feet, found, strict=True):
-            whole[part] = piece
-        inside[part] = on_surface
-        counts = on_surface if used is None else used[part]
-        rows = _rows(p, placement, found, length_mm)
-        if not counts.all():
-            rows[:, ~counts] = 0.0
-        sums: Array = rows @ rows.T
-        return sums
-
-    total = np.sum(np.stack(in_threads(work, n)), axis=0)
-    counted = inside if used is None else used
-    count = max(int(np.count_nonzero(counted)), 1)
-    total = total / count
-    return Evaluation(feet, inside, counted, total[:6, :6], total[:6, 6], float(total[6, 6]))
 
 
 def fit(
@@ -233,7 +130,7 @@ def fit(
             break
         if iterations >= settings.max_iterations:
             break
-        enough = max(tolerance, _OF_SIGMA * _sigma_mm(now, spectral))
+        enough = tolerance if curvature is None else max(tolerance, _OF_SIGMA * _sigma_mm(now, spectral))
         if movement <= _LINEAR * settings.size_mm and movement * movement / last_movement <= enough:
             placement, now = _last_step(points_mm, placement, step, now, settings.length_mm)
             iterations += 1
@@ -253,48 +150,9 @@ def fit(
         iterations += 1
         costs.append(now.cost_mm2)
         spectral = spectrum(now.normal_matrix, settings.min_observability)
+    if iterations == 0:  # the first look is rough where it starts from nothing
+        now = evaluate(measure, points_mm, placement, settings.length_mm, previous=now.feet, used=now.used)
     return FitResult(placement, now, spectral, iterations, reason, converged, tuple(costs), bend)
-
-
-def curvature_term(
-    hessian: Callable[[Array, Feet], Array],
-    points_mm: Array,
-    placement: Placement,
-    now: Evaluation,
-    length_mm: float,
-) -> Array:
-    """Return what Newton's matrix has beyond ``J^T J``: the mean of distance times second derivative.
-
-    With it the steps converge quadratically although form error is left; without it only linearly.
-
-    Parameters
-    ----------
-    hessian : callable
-        See `Measure`.
-    points_mm, placement, now, length_mm
-        As for `evaluate`.
-
-    Returns
-    -------
-    ndarray, shape (6, 6), scaled
-    """
-    pick = np.flatnonzero(now.used)[:: max(1, int(np.count_nonzero(now.used)) // _CURVATURE_SAMPLE)]
-    if len(pick) == 0:
-        return np.zeros((6, 6))
-    feet = Feet(*(a[pick] for a in now.feet))
-    p = moved(points_mm[pick], placement)
-    arm = p - placement.position_mm
-    motion = np.zeros((len(pick), 3, 6))  # how the point moves: w x arm / length + t
-    motion[:, :, 3:] = np.eye(3)
-    for k, unit in enumerate(np.eye(3)):
-        motion[:, :, k] = np.cross(unit, arm) / length_mm
-    weight = feet.distance_mm / len(pick)
-    total = np.einsum("n,nai,nab,nbj->ij", weight, motion, hessian(p, feet), motion, optimize=True)
-    # The second-order part of the rotation itself: n . (w x (w x arm)).
-    outer = np.einsum("n,ni,nj->ij", weight, feet.normal, arm)
-    total[:3, :3] += (0.5 * (outer + outer.T) - np.trace(outer) * np.eye(3)) / length_mm**2
-    result: Array = 0.5 * (total + total.T)
-    return result
 
 
 def _sigma_mm(now: Evaluation, spectral: Spectrum) -> float:
@@ -311,7 +169,7 @@ def _recounted(points_mm: Array, placement: Placement, now: Evaluation, length_m
     before, after = int(np.count_nonzero(now.used)), int(np.count_nonzero(now.inside))
     total = np.zeros((7, 7))
     total[:6, :6], total[:6, 6], total[6, 6] = now.normal_matrix, now.gradient, now.cost_mm2
-    rows = _rows(
+    rows = rows_of(
         moved(points_mm[changed], placement), placement, Feet(*(a[changed] for a in now.feet)), length_mm
     )
     sign = np.where(now.inside[changed], 1.0, -1.0)
@@ -319,19 +177,6 @@ def _recounted(points_mm: Array, placement: Placement, now: Evaluation, length_m
     return now._replace(
         used=now.inside, normal_matrix=total[:6, :6], gradient=total[:6, 6], cost_mm2=float(total[6, 6])
     )
-
-
-def _rows(p: Array, placement: Placement, feet: Feet, length_mm: float) -> Array:
-    """Return the rows of the linearised problem, shape (7, n): six motions and the distance."""
-    arm = p - placement.position_mm
-    nx, ny, nz = feet.normal[:, 0], feet.normal[:, 1], feet.normal[:, 2]
-    rows = np.empty((7, len(p)))
-    rows[0] = (arm[:, 1] * nz - arm[:, 2] * ny) / length_mm
-    rows[1] = (arm[:, 2] * nx - arm[:, 0] * nz) / length_mm
-    rows[2] = (arm[:, 0] * ny - arm[:, 1] * nx) / length_mm
-    rows[3:6] = feet.normal.T
-    rows[6] = feet.distance_mm
-    return rows
 
 
 def _last_step(
@@ -368,7 +213,16 @@ def _movement(step: Array, settings: FitSettings) -> float:
 
 
 def stepped(placement: Placement, step: Array, length_mm: float) -> Placement:
-    """Return the placement after a small motion (w length, t) about the centroid."""
+    """Return the placement after a small motion (w length, t) about the centroid.
+
+    Parameters
+    ----------
+    placement : Placement
+    step : ndarray, shape (6,), mm
+        Rotation vector times `length_mm`, then translation.
+    length_mm : float
+        Scale of the rotation, mm.
+    """
     w = step[:3] / length_mm
     angle = float(np.linalg.norm(w))
     x, y, z = (float(value) for value in w)

@@ -35,7 +35,7 @@ class SplineJet(NamedTuple):
     zvv: Array
 
 
-def basis(t: Array, degree: int) -> tuple[list[Array], list[Array], list[Array]]:
+def basis(t: Array, degree: int) -> Array:
     """Return the B-splines that act in a cell, with first and second derivatives.
 
     Parameters
@@ -47,23 +47,46 @@ def basis(t: Array, degree: int) -> tuple[list[Array], list[Array], list[Array]]
 
     Returns
     -------
-    tuple of three lists of ndarray
-        `degree + 1` functions, each of shape (n,).
+    ndarray, shape (3, degree + 1, n)
+        Values, first and second derivatives.
     """
-    levels: list[list[Array]] = [[np.ones_like(t)]]
+    result = np.zeros((3, degree + 1, len(t)))
+    if degree == 3:
+        _cubic(t, result)
+        return result
+    low = np.ones((1, len(t)))
     for q in range(1, degree + 1):  # Cox - de Boor on uniform knots
-        low = levels[-1]
-        rise = [(t + float(q - j)) * low[j - 1] for j in range(1, q + 1)]
-        fall = [(float(1 + j) - t) * low[j] for j in range(q)]
-        middle = [(rise[j - 1] + fall[j]) / q for j in range(1, q)]
-        levels.append([fall[0] / q, *middle, rise[-1] / q])
-    return levels[degree], _differences(levels[degree - 1]), _differences(_differences(levels[degree - 2]))
+        high = np.zeros((q + 1, len(t)))
+        for j in range(q):
+            high[j] += (float(1 + j) - t) * low[j]
+            high[j + 1] += (t + float(q - 1 - j)) * low[j]
+        high /= q
+        if q == degree - 1:
+            result[1] = _differences(high)
+        if q == degree - 2:
+            result[2] = _differences(_differences(high))
+        low = high
+    result[0] = low
+    return result
 
 
-def _differences(low: list[Array]) -> list[Array]:
+def _cubic(t: Array, out: Array) -> None:
+    """Write the cubic B-splines out: the case that large grids spend their time in."""
+    s = 1.0 - t
+    value, first, second = out
+    s2, t2 = s * s, t * t
+    value[0], value[3] = s2 * s * (1.0 / 6.0), t2 * t * (1.0 / 6.0)
+    value[1] = (0.5 * t - 1.0) * t2 + (2.0 / 3.0)
+    value[2] = 1.0 - value[0] - value[1] - value[3]
+    first[0], first[1], first[3] = -0.5 * s2, (1.5 * t - 2.0) * t, 0.5 * t2
+    first[2] = -first[0] - first[1] - first[3]
+    second[0], second[1], second[3] = s, 3.0 * t - 2.0, t
+    second[2] = -second[1] - 1.0
+
+
+def _differences(low: Array) -> Array:
     """Return the derivatives of the next higher degree: b'_j = low_(j-1) - low_j."""
-    inner = [low[j - 1] - low[j] for j in range(1, len(low))]
-    return [-low[0], *inner, low[-1]]
+    return -np.diff(low, axis=0, prepend=0.0, append=0.0)
 
 
 def spline_jet(coefficients: Array, degree: int, u: Array, v: Array) -> SplineJet:
@@ -89,26 +112,14 @@ def spline_jet(coefficients: Array, degree: int, u: Array, v: Array) -> SplineJe
     width = coefficients.shape[1]
     iu = _cells(u, n_u)
     iv = _cells(v, n_v)
-    bu, du, su = basis(u - iu, degree)
-    bv, dv, sv = basis(v - iv, degree)
-    flat = coefficients.ravel()
-    base = iv * width + iu
-    z, zu, zv, zuu, zuv, zvv = (np.zeros(u.shape) for _ in range(6))
-    for j in range(degree + 1):
-        row = base + j * width
-        c = flat.take(row)
-        r, ru, ruu = c * bu[0], c * du[0], c * su[0]
-        for i in range(1, degree + 1):
-            c = flat.take(row + i)
-            r += c * bu[i]
-            ru += c * du[i]
-            ruu += c * su[i]
-        z += r * bv[j]
-        zv += r * dv[j]
-        zvv += r * sv[j]
-        zu += ru * bv[j]
-        zuv += ru * dv[j]
-        zuu += ruu * bv[j]
+    bu, bv = basis(u - iu, degree), basis(v - iv, degree)
+    k = np.arange(degree + 1)
+    offsets = k[:, None] * width + k
+    local = coefficients.ravel().take((iv * width + iu) + offsets[:, :, None])
+    rows = np.einsum("jin,din->djn", local, bu)  # along u: value, first, second derivative of each row
+    z, zu, zv, zuu, zuv, zvv = (
+        np.einsum("jn,jn->n", rows[du], bv[dv]) for du, dv in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+    )
     return SplineJet(z, zu, zv, zuu, zuv, zvv)
 
 
@@ -156,7 +167,7 @@ def _interpolate_columns(values: Array, degree: int) -> Array:
         )
     half = degree // 2
     size = n + degree - 1
-    at_knot = [float(b[0]) for b in basis(np.zeros(1), degree)[0]][:degree]
+    at_knot = basis(np.zeros(1), degree)[0, :degree, 0].tolist()
     jump = [(-1.0) ** k * comb(degree + 1, k) for k in range(degree + 2)]
     # Rows: `half` jump conditions, the n knots, `half` jump conditions; all inside this band.
     lower = upper = degree + 1
@@ -253,9 +264,10 @@ def _values(coefficients: Array, degree: int, u: Array, v: Array) -> Array:
 def _rows(u: Array, v: Array, cells: tuple[int, int], degree: int) -> Array:
     """Return the design rows, shape (n, (degree + 1)^2)."""
     n_v, n_u = cells
-    bu = np.stack(basis(u - _cells(u, n_u), degree)[0], axis=1)
-    bv = np.stack(basis(v - _cells(v, n_v), degree)[0], axis=1)
-    return (bv[:, :, None] * bu[:, None, :]).reshape(len(u), -1)
+    bu = basis(u - _cells(u, n_u), degree)[0].T
+    bv = basis(v - _cells(v, n_v), degree)[0].T
+    rows: Array = (bv[:, :, None] * bu[:, None, :]).reshape(len(u), -1)
+    return rows
 
 
 def _spans(cell: NDArray[np.intp]) -> list[tuple[int, int]]:

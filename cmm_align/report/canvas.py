@@ -91,6 +91,16 @@ def draw_field(
     Between the nodes a cubic is drawn that passes through every one of them. A known node fills its
     own cell; with `rings`, so many cells around it as well (for a field that ends at a border between
     two nodes).
+
+    Parameters
+    ----------
+    axes : Axes
+    x_mm, y_mm : ndarray, shape (nx,), (ny,), mm
+    field_mm : ndarray, shape (ny, nx), mm
+    limit : float
+        Largest absolute value of the colour scale, um.
+    rings : int
+        Cells that a known node fills beyond its own.
     """
     colours = ListedColormap(deviation_colours(), name="deviation").with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
     known = np.isfinite(field_mm)

@@ -20,17 +20,9 @@ from cmm_align.config import AlignConfig
 from cmm_align.errors import NumericsError, UsageError
 from cmm_align.model import Alignment, FitReport, Nominal, PointKind, PointSet, frozen_array
 from cmm_align.numerics.foot_point import Feet, foot_points
+from cmm_align.numerics.linearisation import Measure, Placement, evaluate, in_threads, moved
 from cmm_align.numerics.observability import Spectrum, free_motions_in_words
-from cmm_align.numerics.rigid_fit import (
-    FitResult,
-    FitSettings,
-    Measure,
-    Placement,
-    evaluate,
-    fit,
-    in_threads,
-    moved,
-)
+from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit
 from cmm_align.numerics.triangle_net import triangle_net
 from cmm_align.pose import Pose
 from cmm_align.stages.plausibility import check_measured
@@ -50,8 +42,12 @@ LARGEST_RMS: Final = 0.01
 """A fit whose RMS is above this share of the size has found nothing."""
 ON_SURFACE: Final = 0.5
 """Share of the points that must end on the nominal."""
+WAY_POINTS: Final = 5000
+"""Points that are enough to find the way."""
 TRIMS: Final = 6
 """Rounds in which stray points are left out while the way is found."""
+TWO_PATH_POINTS: Final = 200_000
+"""Points that are measured by both paths."""
 MAD_SIGMA: Final = 1.4826
 """Sigma of a normal distribution in median absolute deviations."""
 SUSPECT: Final = 6.0
@@ -214,6 +210,7 @@ def _find_the_way(
     start: Pose | None,
 ) -> FitResult:
     """Bring the cloud near the nominal on a light net of facets; every point counts, wherever it lies."""
+    few = few[:: -(-len(few) // WAY_POINTS)]
     net = light_net(nominal.surface, nominal.side, radius)
     measure = facet_measure(net, nominal.side)
     surface_from_part = nominal.surface_from_part
@@ -279,10 +276,13 @@ def _two_path_difference_mm(
     radius: float,
     config: AlignConfig,
 ) -> float:
-    """Measure every deviation again on the smooth equidistant surface; return the largest difference.
+    """Measure deviations again on the smooth equidistant surface; return the largest difference.
 
-    For facets the other path is the foot point on the nominal, minus the tip radius.
+    For facets the other path is the foot point on the nominal, minus the tip radius. Of more than
+    `TWO_PATH_POINTS` points an even sample is taken.
     """
+    pick = slice(None, None, -(-len(centred) // TWO_PATH_POINTS))
+    centred, inside, feet = centred[pick], inside[pick], Feet(*(a[pick] for a in feet))
     facet = config.distance == "facet"
     other: Surface | None = nominal.surface if facet else nominal.equidistant_surface
     if other is None:

@@ -14,8 +14,8 @@ from cmm_align.model import MIN_POINTS, Nominal, PointKind, PointSet
 from cmm_align.surfaces.protocol import Array
 from cmm_align.units import MM_PER
 
-LINE: Final = 1e-7
-"""Points whose width is below this share of their length lie on a line."""
+LINE: Final = 1e-5
+"""Points whose width is below this share of their length lie on a line, as printed to 5 decimals."""
 LARGEST_RATIO: Final = 1.6
 """A cloud this many times larger than the nominal is not a measurement of it."""
 
@@ -53,11 +53,13 @@ def check_measured(measured: PointSet, nominal: Nominal) -> None:
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred)[::-1], 0.0))
     if spread[1] <= LINE * max(float(spread[0]), 1e-300):
         raise GeometryError(
-            "all points lie on a line" if np.ptp(measured.points_mm, axis=0).any() else "all points are the same",
+            "all points lie on a line"
+            if np.ptp(measured.points_mm, axis=0).any()
+            else "all points are the same",
             where=where,
             expected="points spread over the surface",
         )
-    _check_size(_radius(centred), _nominal_radius(nominal), where)
+    _check_size(_radius(centred[:: max(1, len(centred) // _SAMPLE)]), _nominal_radius(nominal), where)
     _check_not_nominal(measured, nominal)
 
 

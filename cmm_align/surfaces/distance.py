@@ -9,8 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmm_align.numerics.foot_point import Feet, distance_hessian, foot_points, seed_table, seeds
-from cmm_align.numerics.rigid_fit import Measure
+from cmm_align.numerics.foot_point import (
+    ROUGH_TOLERANCE,
+    STEP_TOLERANCE,
+    Feet,
+    distance_hessian,
+    foot_points,
+    seed_table,
+    seeds,
+)
+from cmm_align.numerics.linearisation import Measure
 from cmm_align.numerics.triangle_net import (
     TriangleNet,
     facet_distance,
@@ -40,9 +48,11 @@ def smooth_measure(surface: Surface, side: int, radius_mm: float) -> Measure:
     def measure(points_mm: Array, previous: Feet | None) -> tuple[Feet, Mask]:
         if previous is None:
             x, y = seeds(table, points_mm[:, 0], points_mm[:, 1])
+            tolerance = ROUGH_TOLERANCE
         else:
             x, y = previous.x_mm, previous.y_mm
-        feet = foot_points(surface.jet, side, points_mm, x, y, limits)
+            tolerance = STEP_TOLERANCE
+        feet = foot_points(surface.jet, side, points_mm, x, y, limits, tolerance)
         inside = surface.contains(feet.x_mm, feet.y_mm) & np.isfinite(feet.distance_mm)
         return feet._replace(distance_mm=feet.distance_mm - radius_mm), inside
 

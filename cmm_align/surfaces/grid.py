@@ -149,9 +149,9 @@ def _surface_of_degree(grid: GridPoints, known: Mask, degree: int) -> tuple[Spli
         max(float(np.abs(grid.off_x_mm).max()) / grid.dx_mm, float(np.abs(grid.off_y_mm).max()) / grid.dy_mm)
         > 1e-9
     ):
-        iy, ix = np.indices(z.shape)
+        iy, ix = (a.ravel().astype(np.float64) for a in np.indices(z.shape))
         for _ in range(2):
-            jet = spline_jet(coefficients, degree, ix.ravel() + 0.0, iy.ravel() + 0.0)
+            jet = spline_jet(coefficients, degree, ix, iy)
             shift = (
                 jet.zu.reshape(z.shape) / grid.dx_mm * grid.off_x_mm
                 + jet.zv.reshape(z.shape) / grid.dy_mm * grid.off_y_mm

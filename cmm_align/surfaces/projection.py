@@ -63,8 +63,9 @@ def _candidates(points_mm: Array) -> list[tuple[str, Array]]:
 
 def _steep_share(points_mm: Array) -> float:
     """Return the share of the facets over the xy plane that are steep."""
-    if float(np.linalg.svd(points_mm[:, :2] - points_mm[:, :2].mean(axis=0), compute_uv=False)[1]) == 0.0:
-        return 1.0
+    spread = np.linalg.svd(points_mm[:, :2] - points_mm[:, :2].mean(axis=0), compute_uv=False)
+    if float(spread[1]) <= 1e-9 * float(spread[0]):
+        return 1.0  # a line has no facets
     triangles = delaunay_triangles(points_mm[:, 0], points_mm[:, 1])
     a, b, c = (points_mm[triangles[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)

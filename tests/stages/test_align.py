@@ -111,9 +111,13 @@ def test_the_optimum_is_the_one_scipy_finds(window, nominal):
             PointSet.of(moved, kind=PointKind.TIP_CENTRE), nominal, AlignConfig(max_iterations=0)
         ).deviation_mm
 
-    brute = least_squares(deviations, np.zeros(6), x_scale=[1e-2] * 3 + [1.0] * 3, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    brute = least_squares(
+        deviations, np.zeros(6), x_scale=[1e-2] * 3 + [1.0] * 3, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
 
-    np.testing.assert_allclose(np.sqrt(np.mean(brute.fun**2)), np.sqrt(np.mean(found.deviation_mm**2)), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(brute.fun**2)), np.sqrt(np.mean(found.deviation_mm**2)), rtol=1e-12
+    )
     np.testing.assert_allclose(brute.fun, found.deviation_mm, atol=1e-8)
     assert normals.shape == points.shape
 
@@ -187,7 +191,9 @@ def test_the_same_input_gives_the_same_bits(window, nominal):
 
 def test_a_sample_first_then_all_ends_where_all_at_once_does(window, nominal):
     x, y = places(30_000)
-    data = measured(tips(window, x, y, 0.01 * np.sin(x / 5.0) + np.random.default_rng(5).normal(0, 3e-4, x.size)))
+    data = measured(
+        tips(window, x, y, 0.01 * np.sin(x / 5.0) + np.random.default_rng(5).normal(0, 3e-4, x.size))
+    )
 
     sampled = align(data, nominal, AlignConfig(coarse_points=2000))
     whole = align(data, nominal, AlignConfig(coarse_points=100_000))

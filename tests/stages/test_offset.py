@@ -190,7 +190,7 @@ def test_a_surface_that_folds_back_is_refused():
     ("change", "error", "words"),
     [
         (lambda p: p[:20], GeometryError, "20 nominal points"),
-        (lambda p: np.vstack([p, p[:1] + [0, 0, 0.1]]), GeometryError, "differ in z"),
+        (lambda p: np.vstack([p, p[:1] + np.array([0, 0, 0.1])]), GeometryError, "differ in z"),
         (lambda p: np.outer(np.arange(100.0), [1.0, 2.0, 0.5]), GeometryError, "no height field|line"),
     ],
     ids=["too few", "two heights", "a line"],

@@ -1,0 +1,208 @@
+"""`cmm-align align`: measured points laid on the nominal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from cmm_align.cli import options
+from cmm_align.cli.job import Job, Outcome, beside
+from cmm_align.cli.options import FILE, Length, output_option
+from cmm_align.config import AlignConfig
+from cmm_align.errors import UsageError
+
+if TYPE_CHECKING:
+    from cmm_align.model import Nominal, PointSet
+    from cmm_align.pose import Pose
+
+TEXT = """Best-fit pose of MEASURED on NOMINAL, with deviations and contact points.
+
+MEASURED holds tip centres as the machine reports them, in one file or several of one clamping.
+NOMINAL is what `offset` wrote; a raw nominal will do if --tip-radius is given. Rough alignment is not
+needed within about 30 mm and 30 degrees.
+"""
+
+
+@options.command("align", TEXT)
+@click.argument("measured", type=FILE, nargs=-1, required=True, metavar="MEASURED...")
+@click.argument("nominal", type=FILE)
+@click.option("--tip-radius", type=Length(), metavar="R", help="Effective tip radius, for a raw nominal.")
+@click.option("--contact-points", is_flag=True, help="MEASURED is compensated for the tip already.")
+@click.option(
+    "--distance",
+    type=click.Choice(["smooth", "facet"]),
+    help="Foot point on a smooth surface, or the plane of the triangle.  [default: smooth]",
+)
+@click.option("--iterations", type=click.IntRange(min=1), metavar="N", help="At most so many.  [default: 50]")
+@click.option(
+    "--initial",
+    metavar="FILE|identity",
+    help="Start from a 4x4 matrix part_from_machine (text), from an earlier alignment, or as it lies.",
+)
+@output_option("<measured>.align.h5")
+def command(
+    job: Job,
+    *,
+    measured: tuple[Path, ...],
+    nominal: Path,
+    tip_radius: float | None,
+    contact_points: bool,
+    distance: str | None,
+    iterations: int | None,
+    initial: str | None,
+    output: Path | None,
+) -> int:
+    """Parse, call, show."""
+    from cmm_align.cli.show import finish
+
+    config = job.config.align
+    if distance is not None:
+        config = replace(config, distance=distance)
+    if iterations is not None:
+        config = replace(config, max_iterations=iterations)
+    ball = Ball(tip_radius, contact_points)
+    return finish(job, make_alignment(job, measured, nominal, config, ball, initial=initial, output=output))
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """What the command line says about the probe."""
+
+    tip_radius_mm: float | None = None
+    contact_points: bool = False
+
+
+def make_alignment(
+    job: Job,
+    measured: Sequence[Path],
+    nominal: Path,
+    config: AlignConfig,
+    ball: Ball = Ball(),
+    *,
+    initial: str | None = None,
+    output: Path | None = None,
+) -> Outcome:
+    """Read points and nominal, align them and write the result.
+
+    Parameters
+    ----------
+    job : Job
+    measured : sequence of Path
+        Points of one clamping.
+    nominal : Path
+        What `offset` wrote, or a raw nominal if the ball is known.
+    config : AlignConfig
+    ball : Ball
+    initial : str, optional
+        ``identity``, or the name of a file with the start pose.
+    output : Path, optional
+        Beside the first measured file unless given.
+    """
+    from cmm_align import files, io
+    from cmm_align.cli import cautions, record, results
+    from cmm_align.cli.progress import progress_bar
+    from cmm_align.cli.start import start_pose
+    from cmm_align.model import Nominal
+    from cmm_align.report import summary
+    from cmm_align.stages.align import align
+
+    if output is None:
+        output = beside(measured[0], ".align.h5")
+    inputs = [*measured, nominal]
+    record.check_outputs(job, [output], inputs)
+    points = joined([files.read_measured(path, job.units) for path in measured], contact=ball.contact_points)
+    source = files.read_nominal_any(nominal, job.units, config.distance == "facet")
+    target = _with_ball(job, source, ball, where=str(nominal))
+    start: Pose | None = None if initial is None else start_pose(initial)
+    with progress_bar(job) as progress:
+        alignment = align(points, target, config, start=start, progress=progress)
+    steps = record.steps(
+        job,
+        inputs,
+        after=[nominal] if isinstance(source, Nominal) else [],
+        align=config,
+        tip_radius_mm=target.tip_radius_mm,
+        contact_points=ball.contact_points,
+        initial=initial,
+        units=job.units,
+    )
+    io.write(alignment, output, steps, overwrite=job.overwrite)
+    return Outcome(
+        command=job.command,
+        noun=alignment,
+        inputs=steps[-1].inputs,
+        outputs=[output],
+        result=results.of_alignment(alignment),
+        rows=[results.probe_row(target), *summary.of_alignment(alignment)],
+        warnings=cautions.of_alignment(alignment),
+        next_command=f"cmm-align error-map {output}",
+    )
+
+
+def joined(sets: Sequence[PointSet], *, contact: bool) -> PointSet:
+    """Return point sets of one clamping as one.
+
+    Parameters
+    ----------
+    sets : sequence of PointSet
+        At least one.
+    contact : bool
+        Whether the user says that they are contact points.
+
+    Raises
+    ------
+    WrongStageError
+        If they are of different kinds or frames.
+    """
+    import numpy as np
+
+    from cmm_align.errors import WrongStageError
+    from cmm_align.model import PointKind, PointSet
+
+    if contact:
+        sets = [replace(points, kind=PointKind.CONTACT) for points in sets]
+    first = sets[0]
+    for points in sets[1:]:
+        if (points.kind, points.frame) != (first.kind, first.frame):
+            raise WrongStageError(
+                f"{points.kind} points in frame {points.frame}",
+                where=points.source,
+                expected=f"{first.kind} points in frame {first.frame}, as {first.source} has",
+            )
+    if len(sets) == 1:
+        return first
+    sigmas = [points.sigma_mm for points in sets if points.sigma_mm is not None]
+    return PointSet.of(
+        np.concatenate([points.points_mm for points in sets]),
+        kind=first.kind,
+        frame=first.frame,
+        source=", ".join(points.source for points in sets),
+        sigma_mm=np.concatenate(sigmas) if len(sigmas) == len(sets) else None,
+    )
+
+
+def _with_ball(job: Job, source: object, ball: Ball, *, where: str) -> Nominal:
+    """Return a nominal that knows its ball, offset on the way if it is raw."""
+    from cmm_align.model import Nominal
+    from cmm_align.stages.offset import offset
+
+    radius = ball.tip_radius_mm
+    if isinstance(source, Nominal):
+        if radius is not None and radius != source.tip_radius_mm:
+            raise UsageError(
+                f"--tip-radius {radius:g} mm, but this nominal was offset by {source.tip_radius_mm:g} mm",
+                where=where,
+                remedy="leave the option out, or run offset again",
+            )
+        return source
+    if radius is None and not ball.contact_points:
+        raise UsageError(
+            "a raw nominal needs the tip radius",
+            where=where,
+            remedy="give --tip-radius, or the file that offset wrote",
+        )
+    return offset(source, 0.0 if radius is None else radius, job.config.offset)  # type: ignore[arg-type]

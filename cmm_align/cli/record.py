@@ -1,0 +1,56 @@
+"""What a run leaves in its outputs: which inputs, which settings, and the steps before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from cmm_align.cli.job import Job
+from cmm_align.io import read_steps
+from cmm_align.io.atomic import check_writable
+from cmm_align.provenance import Step, this_step
+
+
+def check_outputs(job: Job, outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
+    """Refuse, before anything is computed, outputs that exist, cannot be written or are inputs.
+
+    Raises
+    ------
+    OutputError
+        For the first output that cannot be written.
+    """
+    for path in outputs:
+        check_writable(path, job.overwrite, inputs)
+
+
+def steps(
+    job: Job, inputs: Sequence[Path], *, after: Sequence[Path] = (), **settings: Any
+) -> tuple[Step, ...]:
+    """Return the steps of earlier files, oldest first, and this run as the last one.
+
+    Parameters
+    ----------
+    job : Job
+    inputs : sequence of Path
+        Files that were read; their checksums are recorded.
+    after : sequence of Path
+        Files of ours among them, whose own steps are carried on.
+    settings
+        All effective settings by name; a settings class becomes a table.
+    """
+    earlier: list[Step] = []
+    for path in after:
+        earlier += [step for step in read_steps(path) if step not in earlier]
+    parameters = {name: _plain(value) for name, value in settings.items()}
+    return (*earlier, this_step(job.command, parameters, inputs))
+
+
+def _plain(value: Any) -> Any:
+    """Return a setting as JSON knows it."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, Path):
+        return str(value)
+    return value

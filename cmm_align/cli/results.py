@@ -1,0 +1,175 @@
+"""Nouns as JSON: pure functions from what a stage returned to the `result` of ``--json``.
+
+The keys are a contract: they may be joined by others, and none may change its meaning or vanish.
+Every number carries its unit in its key; what is not known is null, never NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cmm_align import __version__
+from cmm_align.cli.job import Outcome
+from cmm_align.errors import InputError
+from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, Statistics
+from cmm_align.units import DEG_PER_RAD, UM_PER_MM
+
+
+def document(outcome: Outcome) -> dict[str, Any]:
+    """Return the whole JSON object of a command."""
+    plain: dict[str, Any] = without_nan(
+        {
+            "command": outcome.command,
+            "version": __version__,
+            "inputs": [{"path": str(item.path), "sha256": item.sha256} for item in outcome.inputs],
+            "outputs": [str(path) for path in outcome.outputs],
+            "warnings": list(outcome.warnings),
+            "result": dict(outcome.result),
+        }
+    )
+    return plain
+
+
+def without_nan(value: Any) -> Any:
+    """Return a value in JSON's own types, with null in place of every number that is not finite."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+def of_nominal(nominal: Nominal) -> dict[str, Any]:
+    """Return the result of `offset`.
+
+    Raises
+    ------
+    InputError
+        If the nominal is a copy that a later stage carries, without its quality.
+    """
+    quality = nominal.quality
+    if quality is None:
+        raise InputError("this nominal does not carry its quality", remedy="run offset on the nominal itself")
+    at = quality.min_concave_at_mm
+    return {
+        "tip_radius_mm": nominal.tip_radius_mm,
+        "side": side_word(nominal),
+        "nominal_kind": nominal.kind,
+        "n_points": quality.n_points,
+        "max_slope_deg": quality.max_slope_deg,
+        "min_concave_radius_mm": quality.min_concave_radius_mm,
+        "min_concave_at_mm": None if at is None else list(at),
+        "regular": quality.regular,
+        "facet_error_pv_nm": quality.facet_error_pv_nm,
+        "surface_error_pv_nm": quality.surface_error_pv_nm,
+        "equidistant_error_pv_nm": quality.equidistant_error_pv_nm,
+        "spacing_mm": list(quality.spacing_mm),
+        "degree": quality.degree,
+        "digest": nominal.digest,
+    }
+
+
+def of_alignment(alignment: Alignment) -> dict[str, Any]:
+    """Return the result of `align`; PV and RMS are those of the points that steered the fit."""
+    report = alignment.report
+    pose = alignment.part_from_machine
+    used = alignment.deviation_mm[alignment.used] * UM_PER_MM
+    return {
+        "tip_radius_mm": alignment.nominal.tip_radius_mm,
+        "side": side_word(alignment.nominal),
+        "part_from_machine": pose.matrix().tolist(),
+        "machine_from_part": pose.inverse().matrix().tolist(),
+        "translation_mm": pose.translation_mm.tolist(),
+        "rotation_deg": (pose.rotation_vector_rad() * DEG_PER_RAD).tolist(),
+        "n_points": len(alignment.deviation_mm),
+        "n_used": int(alignment.used.sum()),
+        "n_outliers": report.n_outliers,
+        "n_outside": report.n_outside,
+        "iterations": report.iterations,
+        "stop_reason": report.stop_reason,
+        "converged": report.converged,
+        "distance": report.distance,
+        "rms_um": float(np.sqrt(np.mean(used**2))),
+        "pv_um": float(np.ptp(used)),
+        "mean_um": float(np.mean(used)),
+        "max_abs_um": float(np.max(np.abs(used))),
+        "unobservable": list(report.unobservable),
+        "pose_sigma": dict(report.pose_sigma),
+        "two_path_difference_nm": report.two_path_difference_nm,
+        "cost_history_mm2": list(report.cost_history_mm2),
+    }
+
+
+def of_statistics(statistics: Statistics) -> dict[str, Any]:
+    """Return the numbers of a set of deviations."""
+    return {
+        "n": statistics.n,
+        "pv_um": statistics.pv_mm * UM_PER_MM,
+        "rms_um": statistics.rms_mm * UM_PER_MM,
+        "mean_um": statistics.mean_mm * UM_PER_MM,
+        "min_um": statistics.min_mm * UM_PER_MM,
+        "max_um": statistics.max_mm * UM_PER_MM,
+        "min_at_mm": list(statistics.min_at_mm),
+        "max_at_mm": list(statistics.max_at_mm),
+        "profile_um": statistics.profile_mm * UM_PER_MM,
+    }
+
+
+def of_map(deviation_map: DeviationMap) -> dict[str, Any]:
+    """Return the result of `error-map`; the numbers of the grid, those of the points under `points`."""
+    nominal = deviation_map.alignment.nominal
+    return {
+        "tip_radius_mm": nominal.tip_radius_mm,
+        "side": side_word(nominal),
+        **of_statistics(deviation_map.statistics),
+        "pvr_um": deviation_map.pvr_mm * UM_PER_MM,
+        "u_rms_um": deviation_map.u_rms_mm * UM_PER_MM,
+        "grid_spacing_mm": deviation_map.spacing_mm,
+        "ladder": [
+            {"removed": rung.removed, "pv_um": rung.pv_mm * UM_PER_MM, "rms_um": rung.rms_mm * UM_PER_MM}
+            for rung in deviation_map.ladder
+        ],
+        "verdict": str(deviation_map.verdict),
+        "points": of_statistics(deviation_map.point_statistics),
+    }
+
+
+def of_correction(correction: Correction, exports: Sequence[Path]) -> dict[str, Any]:
+    """Return the result of `compensate`."""
+    return {
+        "tip_radius_mm": correction.nominal.tip_radius_mm,
+        "side": side_word(correction.nominal),
+        "gain": correction.gain,
+        "pass_number": correction.pass_number,
+        "max_correction_um": float(np.nanmax(np.abs(correction.correction_mm))) * UM_PER_MM,
+        "before_pv_um": correction.before.pv_mm * UM_PER_MM,
+        "before_rms_um": correction.before.rms_mm * UM_PER_MM,
+        "predicted_pv_um": correction.predicted.pv_mm * UM_PER_MM,
+        "predicted_rms_um": correction.predicted.rms_mm * UM_PER_MM,
+        "worth_another_pass": correction.worth_another_pass,
+        "reason": correction.reason,
+        "n_extended": int(correction.extended.sum()),
+        "exports": [str(path) for path in exports],
+    }
+
+
+def side_word(nominal: Nominal) -> str:
+    """Return the probe's side as it is typed: +z or -z."""
+    return "+z" if nominal.side > 0 else "-z"
+
+
+def probe_row(nominal: Nominal) -> tuple[str, str]:
+    """Return the row that every report of a later stage begins with: which ball, on which side."""
+    return (
+        "probe",
+        f"tip radius {nominal.tip_radius_mm:g} mm, on the {side_word(nominal)} side of the nominal",
+    )

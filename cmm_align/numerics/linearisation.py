@@ -1,0 +1,195 @@
+"""The rigid-motion problem at one placement: distances, normal equations, second-order term.
+
+A small motion (w, t) about the centroid changes the distance of a point by ``((p - c) x n) . w + n . t``
+(Chen and Medioni 1992, doi 10.1016/0262-8856(92)90066-C; for orthogonal foot points this is the exact
+derivative, Pottmann et al. 2006, doi 10.1007/s11263-006-5167-2). Rotation columns are divided by the rms
+radius of the points, so all six compare. Points are handled in chunks that stay in cache, on all cores, and
+summed in a fixed order: the same input gives the same bits.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmm_align.numerics.foot_point import Feet
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+T = TypeVar("T")
+
+CHUNK: Final = 16384
+"""Points handled at once: temporaries stay in cache. Fixed, so that sums are reproducible."""
+
+_CURVATURE_SAMPLE: Final = 8192
+
+
+class Measure(NamedTuple):
+    """How far points lie from a surface."""
+
+    distance: Callable[[Array, Feet | None], tuple[Feet, Mask]]
+    """Distance of moved points (a chunk, frame `surface`), and which lie on it; exact from their last feet,
+    rough (1e-9 mm) without."""
+    hessian: Callable[[Array, Feet], Array] | None = None
+    """Second derivatives of the distance with respect to the point, shape (n, 3, 3); None for facets."""
+
+
+class Placement(NamedTuple):
+    """Where the measured cloud lies: ``p = rotation (q - centroid) + position``."""
+
+    rotation: Array
+    position_mm: Array
+
+
+class Evaluation(NamedTuple):
+    """One look at all points under one placement."""
+
+    feet: Feet
+    inside: Mask
+    used: Mask
+    normal_matrix: Array
+    """``J^T J / n_used``, scaled, shape (6, 6)."""
+    gradient: Array
+    """``J^T d / n_used``, scaled, shape (6,), mm."""
+    cost_mm2: float
+    """Mean squared distance of the used points, mm^2."""
+
+
+def chunks(n: int) -> Iterator[slice]:
+    """Cut n points into slices of `CHUNK`."""
+    return (slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK))
+
+
+def in_threads(work: Callable[[slice], T], n: int) -> list[T]:
+    """Run `work` on every chunk, on all cores, and return the results in the order of the chunks."""
+    parts = list(chunks(n))
+    workers = min(len(parts), os.cpu_count() or 1, 8)
+    if workers <= 1:
+        return [work(part) for part in parts]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(work, parts))
+
+
+def moved(points_mm: Array, placement: Placement) -> Array:
+    """Return centred points in their place, shape (n, 3), mm."""
+    result: Array = points_mm @ placement.rotation.T
+    result += placement.position_mm
+    return result
+
+
+def evaluate(
+    measure: Measure,
+    points_mm: Array,
+    placement: Placement,
+    length_mm: float,
+    *,
+    previous: Feet | None = None,
+    used: Mask | None = None,
+) -> Evaluation:
+    """Measure all points under a placement and sum the normal equations.
+
+    Parameters
+    ----------
+    measure : callable
+        See `Measure`.
+    points_mm : ndarray, shape (n, 3), mm
+        Measured points about their centroid.
+    placement : Placement
+    length_mm : float
+        Scale of the rotation columns, mm.
+    previous : Feet, optional
+        Feet of the last evaluation, to start from.
+    used : ndarray of bool, shape (n,), optional
+        Which points count; without it, those that lie on the surface.
+    """
+    n = len(points_mm)
+    feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)))
+    inside = np.empty(n, dtype=bool)
+
+    def work(part: slice) -> Array:
+        p = moved(points_mm[part], placement)
+        found, on_surface = measure.distance(
+            p, None if previous is None else Feet(*(a[part] for a in previous))
+        )
+        for whole, piece in zip(feet, found, strict=True):
+            whole[part] = piece
+        inside[part] = on_surface
+        counts = on_surface if used is None else used[part]
+        rows = rows_of(p, placement, found, length_mm)
+        if not counts.all():
+            rows[:, ~counts] = 0.0
+        sums: Array = rows @ rows.T
+        return sums
+
+    total = np.sum(np.stack(in_threads(work, n)), axis=0)
+    counted = inside if used is None else used
+    count = max(int(np.count_nonzero(counted)), 1)
+    total = total / count
+    return Evaluation(feet, inside, counted, total[:6, :6], total[:6, 6], float(total[6, 6]))
+
+
+def curvature_term(
+    hessian: Callable[[Array, Feet], Array],
+    points_mm: Array,
+    placement: Placement,
+    now: Evaluation,
+    length_mm: float,
+) -> Array:
+    """Return what Newton's matrix has beyond ``J^T J``: the mean of distance times second derivative.
+
+    With it the steps converge quadratically although form error is left; without it only linearly.
+
+    Parameters
+    ----------
+    hessian : callable
+        See `Measure`.
+    points_mm, placement, now, length_mm
+        As for `evaluate`.
+
+    Returns
+    -------
+    ndarray, shape (6, 6), scaled
+    """
+    pick = np.flatnonzero(now.used)[:: max(1, int(np.count_nonzero(now.used)) // _CURVATURE_SAMPLE)]
+    if len(pick) == 0:
+        return np.zeros((6, 6))
+    feet = Feet(*(a[pick] for a in now.feet))
+    p = moved(points_mm[pick], placement)
+    arm = p - placement.position_mm
+    motion = np.zeros((len(pick), 3, 6))  # how the point moves: w x arm / length + t
+    motion[:, :, 3:] = np.eye(3)
+    for k, unit in enumerate(np.eye(3)):
+        motion[:, :, k] = np.cross(unit, arm) / length_mm
+    weight = feet.distance_mm / len(pick)
+    total = np.einsum("n,nai,nab,nbj->ij", weight, motion, hessian(p, feet), motion, optimize=True)
+    # The second-order part of the rotation itself: n . (w x (w x arm)).
+    outer = np.einsum("n,ni,nj->ij", weight, feet.normal, arm)
+    total[:3, :3] += (0.5 * (outer + outer.T) - np.trace(outer) * np.eye(3)) / length_mm**2
+    result: Array = 0.5 * (total + total.T)
+    return result
+
+
+def rows_of(p: Array, placement: Placement, feet: Feet, length_mm: float) -> Array:
+    """Return the rows of the linearised problem, shape (7, n): six motions and the distance.
+
+    Parameters
+    ----------
+    p : ndarray, shape (n, 3), mm
+        Points in their place.
+    placement, feet, length_mm
+        Of the same points.
+    """
+    arm = p - placement.position_mm
+    nx, ny, nz = feet.normal[:, 0], feet.normal[:, 1], feet.normal[:, 2]
+    rows = np.empty((7, len(p)))
+    rows[0] = (arm[:, 1] * nz - arm[:, 2] * ny) / length_mm
+    rows[1] = (arm[:, 2] * nx - arm[:, 0] * nz) / length_mm
+    rows[2] = (arm[:, 0] * ny - arm[:, 1] * nx) / length_mm
+    rows[3:6] = feet.normal.T
+    rows[6] = feet.distance_mm
+    return rows
