@@ -21,6 +21,7 @@ ORTHONORMAL_TOLERANCE: Final = 1e-6
 """Largest entry of R^T R - 1 that is taken for rounding of a printed matrix."""
 
 _SMALL_ANGLE_RAD: Final = 1e-4
+_UNTURNED: Final = np.eye(3)
 
 
 def rotation_from_vector(vector_rad: Array) -> Array:
@@ -173,11 +174,14 @@ class Pose:
         ----------
         points_mm : ndarray, shape (N, 3), mm, frame `source`
         """
-        result: Array = points_mm @ self.rotation.T + self.translation_mm
+        result: Array = self.rotate(points_mm)
+        result = result + self.translation_mm
         return result
 
     def rotate(self, vectors: Array) -> Array:
         """Return directions of frame `source` in frame `target`, shape (N, 3)."""
+        if np.array_equal(self.rotation, _UNTURNED):  # most nominals: no work, and no rounding
+            return vectors
         result: Array = vectors @ self.rotation.T
         return result
 

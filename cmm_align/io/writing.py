@@ -27,6 +27,7 @@ _SMALL_VALUES: Final = 256
 
 _TRIAL_VALUES: Final = 1_000_000
 """From this on a sample decides whether a dataset is compressed."""
+_SAMPLE_BYTES = 1 << 16
 _WORTH_IT: Final = 0.8
 _MEMORY_BLOCK: Final = 16 << 20
 
@@ -103,7 +104,7 @@ def write_text(group: h5py.Group, name: str, text: str, *, noun: str) -> None:
 
 def _shrinks(sample: NDArray[Any]) -> bool:
     """Return whether compressing is worth its time: noise in the last digits makes it a waste."""
-    raw = sample.tobytes()
+    raw = sample.tobytes()[:_SAMPLE_BYTES]
     return len(zlib.compress(raw, 1)) < _WORTH_IT * len(raw)
 
 

@@ -1,4 +1,4 @@
-"""Tensor-product B-splines on uniform knots: evaluation, interpolation, least squares.
+"""Tensor-product B-splines on uniform knots: evaluation, interpolation, smoothing of grids.
 
 A surface over `n` cells along an axis has ``n + degree`` coefficients there; coefficient ``i`` to
 ``i + degree`` act in cell ``i``. Coordinates are in cells: 0 is the first knot, `n` the last.
@@ -8,7 +8,7 @@ Source: de Boor, "A Practical Guide to Splines", 2001, chapters IX and X.
 from __future__ import annotations
 
 from math import comb
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,6 @@ from numpy.typing import NDArray
 from cmm_align.errors import NumericsError
 
 Array = NDArray[np.float64]
-
-RIDGES: Final = (1e-15, 1e-13, 1e-11)
-"""Weights of the smoothness term beside the data, relative, tried in turn until the matrix is positive
-definite in rounding: only cells without data feel it."""
-
-_ROWS_PER_BLOCK: Final = 1 << 15
 
 
 class SplineJet(NamedTuple):
@@ -110,8 +104,8 @@ def spline_jet(coefficients: Array, degree: int, u: Array, v: Array) -> SplineJe
     """
     n_v, n_u = (n - degree for n in coefficients.shape)
     width = coefficients.shape[1]
-    iu = _cells(u, n_u)
-    iv = _cells(v, n_v)
+    iu = cell_of(u, n_u)
+    iv = cell_of(v, n_v)
     bu, bv = basis(u - iu, degree), basis(v - iv, degree)
     k = np.arange(degree + 1)
     offsets = k[:, None] * width + k
@@ -123,8 +117,8 @@ def spline_jet(coefficients: Array, degree: int, u: Array, v: Array) -> SplineJe
     return SplineJet(z, zu, zv, zuu, zuv, zvv)
 
 
-def _cells(u: Array, n: int) -> NDArray[np.intp]:
-    """Return the cell of each place, clamped to the net; NaN goes to cell 0."""
+def cell_of(u: Array, n: int) -> NDArray[np.intp]:
+    """Return the cell of each place of shape (n,), clamped to the net; NaN goes to cell 0."""
     with np.errstate(invalid="ignore"):
         clamped = np.minimum(np.maximum(u, 0.0), float(n - 1))
     return np.where(np.isfinite(clamped), clamped, 0.0).astype(np.intp)
@@ -191,167 +185,41 @@ def _interpolate_columns(values: Array, degree: int) -> Array:
     return result
 
 
-def fitted_coefficients(u: Array, v: Array, z: Array, cells: tuple[int, int], degree: int) -> Array:
-    """Return the least-squares spline through scattered values.
+def smoothed_coefficients(values: Array, cells: tuple[int, int], degree: int) -> Array:
+    """Return the least-squares spline through values on a full grid, with fewer cells than nodes.
 
-    The normal equations are summed cell by cell: every point of a cell sees the same
-    ``(degree + 1)^2`` coefficients, so each cell is one small matrix product, and the whole matrix is
-    banded with half width ``degree (n_u + degree) + degree``. A faint smoothness term carries the
-    surface over cells without points.
+    On a grid the problem falls apart into one along each axis.
 
     Parameters
     ----------
-    u, v : ndarray, shape (n,)
-        Places in cells along x and y.
-    z : ndarray, shape (n,)
-        Heights.
+    values : ndarray, shape (m_v, m_u)
+        Heights at equally spaced places from the first to the last knot, finite.
     cells : tuple of int
-        Number of cells (n_v, n_u).
+        Number of cells (n_v, n_u), each below the number of nodes.
     degree : int
         3 or 5.
 
     Returns
     -------
     ndarray, shape (n_v + degree, n_u + degree)
-        One step of iterative refinement is included.
-
-    Raises
-    ------
-    NumericsError
-        If the points do not determine a surface.
     """
-    from scipy.linalg import cho_solve_banded, cholesky_banded  # slow to import
-
-    n_v, n_u = cells
-    narrow = n_u <= n_v  # the band is as wide as the fast axis: make the shorter one fast
-    if not narrow:
-        return np.ascontiguousarray(fitted_coefficients(v, u, z, (n_u, n_v), degree).T)
-    order = np.lexsort((_cells(u, n_u), _cells(v, n_v)))
-    u, v, z = u[order], v[order], z[order]
-    cell = _cells(v, n_v) * n_u + _cells(u, n_u)
-    offset = float(z.mean())
-    blocks, right = _cell_sums(u, v, z - offset, cell, (n_v, n_u), degree)
-    right_full = _assemble_right(right, n_v, n_u, degree)
-    for ridge in RIDGES:
-        band = _assemble_band(blocks, n_v, n_u, degree)
-        _add_smoothness(band, n_v + degree, n_u + degree, ridge * float(band[0].max()))
-        try:
-            factor = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
-            break
-        except np.linalg.LinAlgError:
-            continue
-    else:
-        raise NumericsError("the points do not determine a surface", remedy="give more points, or a grid")
-    solution: Array = cho_solve_banded((factor, True), right_full, check_finite=False)
-    shape = (n_v + degree, n_u + degree)
-    rest = z - offset - _values(solution.reshape(shape), degree, u, v)
-    right = _cell_right(u, v, rest, cell, (n_v, n_u), degree)
-    solution = solution + cho_solve_banded(
-        (factor, True), _assemble_right(right, n_v, n_u, degree), check_finite=False
-    )
-    return np.ascontiguousarray(solution.reshape(shape) + offset)
+    along_v = _smooth_columns(values, cells[0], degree)
+    return np.ascontiguousarray(_smooth_columns(np.ascontiguousarray(along_v.T), cells[1], degree).T)
 
 
-def _values(coefficients: Array, degree: int, u: Array, v: Array) -> Array:
-    """Evaluate heights only, block by block."""
-    result = np.empty(len(u))
-    for start in range(0, len(u), _ROWS_PER_BLOCK):
-        part = slice(start, start + _ROWS_PER_BLOCK)
-        result[part] = spline_jet(coefficients, degree, u[part], v[part]).z
-    return result
+def _smooth_columns(values: Array, cells: int, degree: int) -> Array:
+    """Fit along the first axis."""
+    from scipy.linalg import solveh_banded  # slow to import, needed only to build a surface
 
-
-def _rows(u: Array, v: Array, cells: tuple[int, int], degree: int) -> Array:
-    """Return the design rows, shape (n, (degree + 1)^2)."""
-    n_v, n_u = cells
-    bu = basis(u - _cells(u, n_u), degree)[0].T
-    bv = basis(v - _cells(v, n_v), degree)[0].T
-    rows: Array = (bv[:, :, None] * bu[:, None, :]).reshape(len(u), -1)
-    return rows
-
-
-def _spans(cell: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """Cut sorted cells into blocks of whole cells, each of a size that stays in cache."""
-    starts = np.flatnonzero(np.r_[True, np.diff(cell) != 0])
-    ends = np.r_[starts[1:], len(cell)]
-    spans: list[tuple[int, int]] = []
-    begin = 0
-    for end in ends.tolist():
-        if end - begin >= _ROWS_PER_BLOCK // 4:
-            spans.append((begin, end))
-            begin = end
-    if begin < len(cell):
-        spans.append((begin, len(cell)))
-    return spans
-
-
-def _cell_sums(
-    u: Array, v: Array, z: Array, cell: NDArray[np.intp], cells: tuple[int, int], degree: int
-) -> tuple[Array, Array]:
-    """Return the normal matrix and right-hand side of every cell."""
-    m = (degree + 1) ** 2
-    n = cells[0] * cells[1]
-    blocks = np.zeros((n, m, m))
-    right = np.zeros((n, m))
-    for begin, end in _spans(cell):
-        rows = _rows(u[begin:end], v[begin:end], cells, degree)
-        inner = cell[begin:end]
-        cuts = np.flatnonzero(np.r_[True, np.diff(inner) != 0, True])
-        for a, b in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
-            part = rows[a:b]
-            blocks[inner[a]] = part.T @ part
-            right[inner[a]] = z[begin + a : begin + b] @ part
-    return blocks, right
-
-
-def _cell_right(
-    u: Array, v: Array, z: Array, cell: NDArray[np.intp], cells: tuple[int, int], degree: int
-) -> Array:
-    """Return the right-hand side of every cell."""
-    right = np.zeros((cells[0] * cells[1], (degree + 1) ** 2))
-    for begin, end in _spans(cell):
-        rows = _rows(u[begin:end], v[begin:end], cells, degree) * z[begin:end, None]
-        starts = np.flatnonzero(np.r_[True, np.diff(cell[begin:end]) != 0])
-        right[cell[begin:end][starts]] = np.add.reduceat(rows, starts, axis=0)
-    return right
-
-
-def _assemble_right(right: Array, n_v: int, n_u: int, degree: int) -> Array:
-    """Add the right-hand sides of all cells into one vector."""
-    result = np.zeros((n_v + degree, n_u + degree))
-    per_cell = right.reshape(n_v, n_u, degree + 1, degree + 1)
-    for j in range(degree + 1):
-        for i in range(degree + 1):
-            result[j : j + n_v, i : i + n_u] += per_cell[:, :, j, i]
-    return result.ravel()
-
-
-def _assemble_band(blocks: Array, n_v: int, n_u: int, degree: int) -> Array:
-    """Add the matrices of all cells into the lower band of the whole matrix."""
-    width = n_u + degree
-    size = (n_v + degree) * width
-    half = degree * width + degree
-    band = np.zeros((half + 1, size))
-    k = degree + 1
-    per_cell = blocks.reshape(n_v, n_u, k, k, k, k)
-    for j in range(k):
-        for i in range(k):
-            for jj in range(j, k):
-                for ii in range(i if jj == j else 0, k):
-                    distance = (jj - j) * width + (ii - i)
-                    line = band[distance].reshape(n_v + degree, width)
-                    line[j : j + n_v, i : i + n_u] += per_cell[:, :, j, i, jj, ii]
-    return band
-
-
-def _add_smoothness(band: Array, n_v: int, n_u: int, weight: float) -> None:
-    """Add `weight` times the squared third differences of the coefficients along both axes."""
-    stencil = np.array([-1.0, 3.0, -3.0, 1.0])
-    lines = band[:, : n_v * n_u]
-    for a in range(4):
-        for b in range(a, 4):
-            value = weight * stencil[a] * stencil[b]
-            if n_u > 3:
-                lines[b - a].reshape(n_v, n_u)[:, a : n_u - 3 + a] += value
-            if n_v > 3:
-                lines[(b - a) * n_u].reshape(n_v, n_u)[a : n_v - 3 + a, :] += value
+    u = np.linspace(0.0, float(cells), len(values))
+    cell = cell_of(u, cells)
+    rows = np.zeros((len(values), cells + degree))
+    for k, b in enumerate(basis(u - cell, degree)[0]):
+        rows[np.arange(len(u)), cell + k] = b
+    normal = rows.T @ rows
+    band = np.zeros((degree + 1, cells + degree))
+    for k in range(degree + 1):
+        band[k, : cells + degree - k] = np.diagonal(normal, k)
+    first: Array = solveh_banded(band, rows.T @ values, lower=True)
+    again: Array = solveh_banded(band, rows.T @ (values - rows @ first), lower=True)
+    return first + again

@@ -1,7 +1,9 @@
 """Nominal points on a regular grid: recognised in any order, with holes, and interpolated exactly.
 
-A tensor spline passes through all points. Cubic if its estimated error is negligible, else quintic: for a
-steep freeform at 0.5 mm spacing the cubic is some 0.05 nm off, the quintic below 0.001 nm.
+A tensor spline passes through all points. Cubic if its estimated error is negligible, else quintic:
+for a steep freeform at 0.5 mm spacing the cubic is some 0.05 nm off, the quintic below 0.001 nm. Points that
+were printed are known to their last decimal only, and a spline through them would wave between the digits:
+they get the spline with the fewest cells that agrees with every print.
 """
 
 from __future__ import annotations
@@ -12,7 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.errors import GeometryError
-from cmm_align.numerics.tensor_spline import fitted_coefficients, interpolating_coefficients, spline_jet
+from cmm_align.numerics.scattered_spline import fitted_coefficients
+from cmm_align.numerics.tensor_spline import (
+    interpolating_coefficients,
+    smoothed_coefficients,
+    spline_jet,
+)
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.spline_surface import SplineSurface
 
@@ -22,6 +29,9 @@ MIN_NODES: Final = 4
 ENOUGH_MM: Final = 2e-10
 """An estimated error (PV) below this keeps the cubic spline, which is twice as fast: 2e-4 nm."""
 
+FITTED_DEGREE: Final = 5
+_NODES_PER_CELL: Final = (16, 8, 4, 2)
+_PRINT_SLACK: Final = 1.1
 _SAMPLE: Final = 40_000
 
 
@@ -131,6 +141,9 @@ def grid_surface(grid: GridPoints, degree: int) -> tuple[SplineSurface, float]:
     """
     known = np.isfinite(grid.z_mm)
     if degree == 0:
+        printed = _surface_through_prints(grid, known)
+        if printed is not None:
+            return printed
         degree = 3
         if min(grid.z_mm.shape) >= 9:
             cubic = _surface_of_degree(grid, known, 3)
@@ -139,6 +152,64 @@ def grid_surface(grid: GridPoints, degree: int) -> tuple[SplineSurface, float]:
             quintic = _surface_of_degree(grid, known, 5)
             return quintic if quintic[1] < cubic[1] else cubic
     return _surface_of_degree(grid, known, degree)
+
+
+def print_step_mm(z_mm: Array) -> float:
+    """Return the last decimal that heights were printed with, mm, or 0 if they were not printed.
+
+    Parameters
+    ----------
+    z_mm : ndarray, any shape, mm
+        NaN where unknown.
+    """
+    sample = z_mm[np.isfinite(z_mm)][:_SAMPLE]
+    for decimals in range(1, 9):
+        digits = sample * 10.0**decimals
+        if float(np.abs(digits - np.rint(digits)).max()) < 1e-4:
+            return float(10.0**-decimals)
+    return 0.0
+
+
+def _surface_through_prints(grid: GridPoints, known: Mask) -> tuple[SplineSurface, float] | None:
+    """Return the spline with the fewest cells that agrees with every printed height, if there is one."""
+    step = print_step_mm(grid.z_mm)
+    if step == 0.0:
+        return None
+    z = grid.z_mm if known.all() else _filled(grid.z_mm, known)
+    nodes = [a.astype(np.float64) for a in np.nonzero(known)]
+    few = [a[:: max(1, len(a) // _SAMPLE)] for a in nodes]
+    for every in _NODES_PER_CELL:
+        ny, nx = (max(1, (n - 1) // every) for n in z.shape)
+        if min(z.shape[0] - 1 - ny, z.shape[1] - 1 - nx) < FITTED_DEGREE:
+            continue
+        coefficients = smoothed_coefficients(z, (ny, nx), FITTED_DEGREE)
+        dx, dy = grid.dx_mm * (z.shape[1] - 1) / nx, grid.dy_mm * (z.shape[0] - 1) / ny
+        surface = SplineSurface(
+            "grid", grid.x0_mm, grid.y0_mm, dx, dy, FITTED_DEGREE, coefficients, _full_cells(known)
+        )
+        if all(_agrees(surface, grid, part[1], part[0], step) for part in (few, nodes)):
+            return surface, step
+    return None
+
+
+def _agrees(surface: SplineSurface, grid: GridPoints, ix: Array, iy: Array, step_mm: float) -> bool:
+    """Return whether a surface is within half a print step of the points at some nodes."""
+    rows, columns = iy.astype(np.intp), ix.astype(np.intp)
+    x = grid.x0_mm + ix * grid.dx_mm + grid.off_x_mm[rows, columns]
+    y = grid.y0_mm + iy * grid.dy_mm + grid.off_y_mm[rows, columns]
+    for part in np.array_split(np.arange(len(x)), len(x) // 16384 + 1):
+        jet = surface.jet(x[part], y[part])
+        # x and y are printed too: what they are off by shows in z through the slope.
+        allowed = 0.5 * step_mm * (1.0 + np.abs(jet.zx) + np.abs(jet.zy)) * _PRINT_SLACK
+        if (np.abs(jet.z - grid.z_mm[rows[part], columns[part]]) > allowed).any():
+            return False
+    return True
+
+
+def _full_cells(known: Mask) -> Mask:
+    """Return the cells of the grid that have all four corners."""
+    cells: Mask = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
+    return cells
 
 
 def _surface_of_degree(grid: GridPoints, known: Mask, degree: int) -> tuple[SplineSurface, float]:
@@ -157,9 +228,8 @@ def _surface_of_degree(grid: GridPoints, known: Mask, degree: int) -> tuple[Spli
                 + jet.zv.reshape(z.shape) / grid.dy_mm * grid.off_y_mm
             )
             coefficients = interpolating_coefficients(z - shift, degree)
-    cells = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
     surface = SplineSurface(
-        "grid", grid.x0_mm, grid.y0_mm, grid.dx_mm, grid.dy_mm, degree, coefficients, cells
+        "grid", grid.x0_mm, grid.y0_mm, grid.dx_mm, grid.dy_mm, degree, coefficients, _full_cells(known)
     )
     return surface, _error_between_nodes(z, known, degree)
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from cmm_align.errors import GeometryError
-from cmm_align.numerics.tensor_spline import fitted_coefficients
+from cmm_align.numerics.scattered_spline import fitted_coefficients
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.spline_surface import SplineSurface
 
@@ -26,7 +26,7 @@ _ENOUGH: Final = 1e-13
 """Misfit below this share of the size is rounding."""
 
 
-def fitted_surface(points_mm: Array, kind: str) -> tuple[SplineSurface, float]:
+def fitted_surface(points_mm: Array, kind: str, enough_mm: float = 0.0) -> tuple[SplineSurface, float]:
     """Return a smooth surface through scattered points, and its misfit.
 
     Parameters
@@ -34,6 +34,8 @@ def fitted_surface(points_mm: Array, kind: str) -> tuple[SplineSurface, float]:
     points_mm : ndarray, shape (n, 3), mm, frame `surface`
     kind : str
         Kind of the surface.
+    enough_mm : float
+        Misfit (PV) at which to stop refining, mm; 0 goes on to rounding.
 
     Returns
     -------
@@ -62,7 +64,7 @@ def fitted_surface(points_mm: Array, kind: str) -> tuple[SplineSurface, float]:
         if best is not None and trial[1] > 0.5 * best[1]:
             break
         best = trial
-        if best[1] < _ENOUGH * float(size.max()) or max(cells) >= MOST_CELLS:
+        if best[1] < max(_ENOUGH * float(size.max()), enough_mm) or max(cells) >= MOST_CELLS:
             break
         if per_cell / 3.0 < max(finest, POINTS_PER_CELL):
             break

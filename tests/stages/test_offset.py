@@ -216,3 +216,16 @@ def test_a_prescription_that_is_undefined_inside_its_aperture_says_where():
 
     with pytest.raises(GeometryError, match="not defined at x ="):
         offset(prescription_from_toml(text, "x.toml"), 1.5)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.5])
+def test_a_grid_printed_with_six_decimals_does_not_ring(freeform, step):
+    points = np.round(nominal_points(freeform, half=(10.0, 10.0), step=step), 6)
+
+    nominal = offset(as_nominal(points), 1.5)
+
+    rng = np.random.default_rng(7)
+    u, v = rng.uniform(-10, 10, (2, 20_000))
+    error = nominal.surface.jet(u, v).z - freeform.jet(u, v).z
+    assert np.ptp(error) < 1e-6  # the print itself is 1 nm wide
+    assert nominal.quality.surface_error_pv_nm == pytest.approx(1.0)
