@@ -66,18 +66,6 @@ def grid_triangles(known: Mask) -> Index:
     return np.ascontiguousarray(np.concatenate([whole, *parts[2:]]).astype(np.int32))
 
 
-def delaunay_triangles(x_mm: Array, y_mm: Array) -> Index:
-    """Return the Delaunay triangulation of scattered places, counter-clockwise, shape (m, 3)."""
-    from scipy.spatial import Delaunay  # slow to import, and only scattered nominals need it
-
-    xy = np.stack([x_mm, y_mm], axis=1)
-    triangles = Delaunay(xy - xy.mean(axis=0)).simplices.astype(np.int32)
-    a, b, c = (xy[triangles[:, k]] for k in range(3))
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    triangles[area < 0.0] = triangles[area < 0.0][:, [0, 2, 1]]
-    return np.ascontiguousarray(triangles[area != 0.0])
-
-
 def triangle_net(points_mm: Array, triangles: Index) -> TriangleNet:
     """Return a net ready for location.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.foot_point import Limits, foot_points
-from cmm_align.numerics.triangle_net import delaunay_triangles, grid_triangles
+from cmm_align.numerics.triangle_net import grid_triangles
 from cmm_align.surfaces.geometry import (
     gaussian_curvature_per_mm2,
     principal_curvatures,
@@ -20,6 +20,7 @@ from cmm_align.surfaces.geometry import (
     unit_normal,
 )
 from cmm_align.surfaces.protocol import Array, Jet, Mask, Surface
+from cmm_align.surfaces.triangulation import delaunay_triangles
 
 MARGIN: Final = 0.005
 """Feet may leave the rectangle of a surface by this share of its diagonal, to be told apart there."""
@@ -39,6 +40,8 @@ class Nodes(NamedTuple):
     gaussian_curvature_per_mm2: Array
     concave_per_mm: Array
     """Largest curvature towards the probe, shape (n,), 1/mm; negative where convex everywhere."""
+    least_per_mm: Array
+    """The other principal curvature, shape (n,), 1/mm."""
     triangles: NDArray[np.int32]
 
 
@@ -73,7 +76,7 @@ def _nodes(surface: Surface, side: int, x: Array, y: Array, triangles: NDArray[n
     """Evaluate the surface at the nodes, chunk by chunk."""
     n = len(x)
     points, normals = np.empty((n, 3)), np.empty((n, 3))
-    slopes, gauss, concave = np.empty(n), np.empty(n), np.empty(n)
+    slopes, gauss, concave, least = (np.empty(n) for _ in range(4))
     for start in range(0, n, _CHUNK):
         part = slice(start, start + _CHUNK)
         jet: Jet = surface.jet(x[part], y[part])
@@ -81,8 +84,8 @@ def _nodes(surface: Surface, side: int, x: Array, y: Array, triangles: NDArray[n
         normals[part] = unit_normal(jet, side)
         slopes[part] = slope(jet)
         gauss[part] = gaussian_curvature_per_mm2(jet)
-        concave[part] = principal_curvatures(jet, side).most
-    return Nodes(points, normals, slopes, gauss, concave, triangles)
+        least[part], concave[part] = principal_curvatures(jet, side)
+    return Nodes(points, normals, slopes, gauss, concave, least, triangles)
 
 
 def facet_error_pv_mm(surface: Surface, side: int, radius_mm: float, nodes: Nodes) -> float:

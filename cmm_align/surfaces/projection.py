@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from cmm_align.errors import GeometryError
-from cmm_align.numerics.triangle_net import delaunay_triangles
 from cmm_align.pose import Pose
 from cmm_align.surfaces.protocol import Array
+from cmm_align.surfaces.triangulation import delaunay_triangles
 from cmm_align.units import RAD_PER_DEG
 
 STEEPEST_DEG: Final = 85.0
