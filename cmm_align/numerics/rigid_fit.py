@@ -30,13 +30,13 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MAX_HALVINGS: Final = 8
-_LINEAR: Final = 1e-6
-"""A movement of this share of the size changes distances linearly: its square is some 1e-10 mm."""
+_LINEAR: Final = 1e-15
+"""A step whose square over the size is this share of the size changes distances linearly, in rounding."""
 _RECOUNT: Final = (1e-6, 1e-3)
 """Which points count is decided anew only after steps of this share of the size: after larger ones a
 cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays."""
 _OF_SIGMA: Final = 1e-2
-"""After a sample, an error of the pose this small beside its standard uncertainty is no error."""
+"""After a sample, an error this small beside the standard uncertainty of the pose is no error."""
 _ROUNDING: Final = 64.0 * float(np.finfo(np.float64).eps)
 """Residuals below this share of the part's size are rounding: nothing is left to gain."""
 
@@ -130,8 +130,10 @@ def fit(
             break
         if iterations >= settings.max_iterations:
             break
-        enough = tolerance if curvature is None else max(tolerance, _OF_SIGMA * _sigma_mm(now, spectral))
-        if movement <= _LINEAR * settings.size_mm and movement * movement / last_movement <= enough:
+        # After a sample, what is far below the uncertainty of the pose is no error either.
+        slack = 0.0 if curvature is None else _OF_SIGMA * _sigma_mm(now, spectral)
+        linear = movement**2 / settings.size_mm <= max(_LINEAR * settings.size_mm, slack)
+        if iterations > 0 and linear and movement**2 / last_movement <= max(tolerance, slack):
             placement, now = _last_step(points_mm, placement, step, now, settings.length_mm)
             iterations += 1
             costs.append(now.cost_mm2)
