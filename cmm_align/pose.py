@@ -14,97 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.errors import InputError
+from cmm_align.numerics.rotations import orthonormalised, rotation_from_vector, vector_from_rotation
 
 Array = NDArray[np.float64]
+
+__all__ = ["Pose", "orthonormalised", "rotation_from_vector", "vector_from_rotation"]
 
 ORTHONORMAL_TOLERANCE: Final = 1e-6
 """Largest entry of R^T R - 1 that is taken for rounding of a printed matrix."""
 
-_SMALL_ANGLE_RAD: Final = 1e-4
 _UNTURNED: Final = np.eye(3)
-
-
-def rotation_from_vector(vector_rad: Array) -> Array:
-    """Return the rotation matrix of a rotation vector (Rodrigues' formula).
-
-    Parameters
-    ----------
-    vector_rad : ndarray, shape (3,), rad
-        Axis times angle, right-handed.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Orthonormal to a few ulp for any angle.
-    """
-    angle = float(np.linalg.norm(vector_rad))
-    x, y, z = (float(v) for v in vector_rad)
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < _SMALL_ANGLE_RAD:  # series: the quotients lose digits near zero
-        a = 1.0 - angle**2 / 6.0
-        b = 0.5 - angle**2 / 24.0
-    else:
-        a = np.sin(angle) / angle
-        b = (1.0 - np.cos(angle)) / angle**2
-    return orthonormalised(np.eye(3) + a * skew + b * (skew @ skew))
-
-
-def vector_from_rotation(rotation: Array) -> Array:
-    """Return the rotation vector of a rotation matrix, angle in [0, pi].
-
-    Parameters
-    ----------
-    rotation : ndarray, shape (3, 3)
-        A proper rotation.
-
-    Returns
-    -------
-    ndarray, shape (3,), rad
-        Axis times angle. By way of the quaternion, which is accurate at every angle.
-    """
-    m = rotation
-    # The largest of the four squared components is computed first (Shepperd, 1978).
-    squares = np.array(
-        [
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-        ]
-    )
-    sums = np.array(
-        [
-            [0.0, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], 0.0, m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 0.0, m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 0.0],
-        ]
-    )
-    k = int(np.argmax(squares))
-    quaternion = sums[k] + 0.0
-    quaternion[k] = squares[k]
-    quaternion /= np.linalg.norm(quaternion)
-    if quaternion[0] < 0.0:
-        quaternion = -quaternion
-    sine = float(np.linalg.norm(quaternion[1:]))
-    if sine == 0.0:
-        return np.zeros(3)
-    angle = 2.0 * np.arctan2(sine, quaternion[0])
-    vector: Array = quaternion[1:] * (angle / sine)
-    return vector
-
-
-def orthonormalised(rotation: Array) -> Array:
-    """Return the proper rotation nearest to `rotation` (polar factor by SVD).
-
-    Parameters
-    ----------
-    rotation : ndarray, shape (3, 3)
-        Near a rotation.
-    """
-    u, _, vt = np.linalg.svd(rotation)
-    result: Array = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,9 +93,7 @@ class Pose:
         ----------
         points_mm : ndarray, shape (N, 3), mm, frame `source`
         """
-        result: Array = self.rotate(points_mm)
-        result = result + self.translation_mm
-        return result
+        return self.rotate(points_mm) + self.translation_mm
 
     def rotate(self, vectors: Array) -> Array:
         """Return directions of frame `source` in frame `target`, shape (N, 3)."""

@@ -21,7 +21,7 @@ DOORS = {
     "errors": set(),
     "units": {"errors"},
     "toml_table": {"errors"},
-    "pose": {"errors"},
+    "pose": {"errors", "numerics"},
     "config": {"errors", "toml_table"},
     "provenance": {"errors"},
     "model": {"errors", "pose", "surfaces"},

@@ -105,7 +105,8 @@ def foot_points(
     Returns
     -------
     Feet
-        NaN where the surface is not defined. Tested against closed forms to 1e-12 mm.
+        Distance NaN where the surface is not defined, and at or past its centre of curvature. Tested
+        against closed forms to 1e-12 mm.
 
     Notes
     -----
@@ -157,6 +158,8 @@ def _newton_step(
         curvature = np.abs(j.zxx) + np.abs(j.zxy) + np.abs(j.zyy)
         reach = np.maximum(np.abs(dx), np.abs(dy)) * np.maximum(curvature, 1.0 / longest)
         feet = _feet_by_taylor(j, side, points_mm, x, y, dx, dy)
+        if bad.any():  # at or past the centre of curvature: a ball of this size does not touch there
+            feet.distance_mm[bad] = np.nan
         return feet, reach
 
 

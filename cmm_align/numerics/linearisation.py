@@ -109,7 +109,7 @@ def evaluate(
     """
     n = len(points_mm)
     feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)))
-    inside = np.empty(n, dtype=bool)
+    inside, counted = np.empty(n, dtype=bool), np.empty(n, dtype=bool)
 
     def work(part: slice) -> Array:
         p = moved(points_mm[part], placement)
@@ -119,7 +119,8 @@ def evaluate(
         for whole, piece in zip(feet, found, strict=True):
             whole[part] = piece
         inside[part] = on_surface
-        counts = on_surface if used is None else used[part]
+        counts = (on_surface if used is None else used[part]) & np.isfinite(found.distance_mm)
+        counted[part] = counts
         rows = rows_of(p, placement, found, length_mm)
         if not counts.all():
             rows[:, ~counts] = 0.0
@@ -127,7 +128,6 @@ def evaluate(
         return sums
 
     total = np.sum(np.stack(in_threads(work, n)), axis=0)
-    counted = inside if used is None else used
     count = max(int(np.count_nonzero(counted)), 1)
     total = total / count
     return Evaluation(feet, inside, counted, total[:6, :6], total[:6, 6], float(total[6, 6]))

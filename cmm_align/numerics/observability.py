@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 _PURE: Final = 1e-3
 """Share of rotation (scaled) below which a free motion is called a translation."""
 
+_AFTER: Final = 1e-6
+"""Weight of translations beside rotations when a free motion is held."""
 _NEWTON_FLOOR: Final = 0.1
 """Newton's matrix must keep this share of ``J^T J`` in every motion to be trusted."""
 
@@ -67,6 +69,36 @@ def solve_observable(spectral: Spectrum, gradient: Array, curvature: Array | Non
         if np.linalg.eigvalsh(relative)[0] > _NEWTON_FLOOR:
             step = -basis @ (np.linalg.solve(relative, pull / root) / root)
     return step
+
+
+def free_part(spectral: Spectrum, motion: Array) -> Array:
+    """Return the free motion that takes a given motion's rotation away, and then its translation.
+
+    Of all placements that fit equally well, the one without turning is the one that a person expects.
+
+    Parameters
+    ----------
+    spectral : Spectrum
+    motion : ndarray, shape (6,)
+        Scaled.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        To be subtracted from `motion`.
+    """
+    basis = spectral.motions[:, spectral.free]
+    weight = np.array([1.0, 1.0, 1.0, _AFTER, _AFTER, _AFTER])
+    share = np.linalg.lstsq(basis * weight[:, None], motion * weight, rcond=None)[0]
+    part: Array = basis @ share
+    return part
+
+
+def uncertain_axes(spectral: Spectrum) -> NDArray[np.bool_]:
+    """Return which of (rx, ry, rz, tx, ty, tz) a free motion has a part in, shape (6,)."""
+    share = np.linalg.norm(spectral.motions[:, spectral.free], axis=1)
+    uncertain: NDArray[np.bool_] = share > _PURE
+    return uncertain
 
 
 def free_motions_in_words(spectral: Spectrum, centroid_mm: Array, length_mm: float) -> tuple[str, ...]:

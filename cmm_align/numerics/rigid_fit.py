@@ -24,7 +24,13 @@ from cmm_align.numerics.linearisation import (
     moved,
     rows_of,
 )
-from cmm_align.numerics.observability import Spectrum, solve_observable, spectrum
+from cmm_align.numerics.observability import Spectrum, free_part, solve_observable, spectrum
+from cmm_align.numerics.rotations import (
+    left_jacobian,
+    orthonormalised,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -214,6 +220,37 @@ def _movement(step: Array, settings: FitSettings) -> float:
     return angle * settings.size_mm + float(np.linalg.norm(step[3:]))
 
 
+def without_free_drift(
+    start: Placement, end: Placement, spectral: Spectrum, length_mm: float
+) -> tuple[Placement, float]:
+    """Take back what a fit has moved along the motions that the data cannot tell.
+
+    Parameters
+    ----------
+    start, end : Placement
+        Before and after the fit.
+    spectral : Spectrum
+        At `end`.
+    length_mm : float
+        Scale of the rotations, mm.
+
+    Returns
+    -------
+    placement : Placement
+        On the same orbit as `end`, nearer to the start.
+    movement_mm : float
+        How much was taken back.
+    """
+    w = vector_from_rotation(end.rotation @ start.rotation.T)
+    t = np.linalg.solve(left_jacobian(w), end.position_mm - start.position_mm)
+    back = free_part(spectral, np.concatenate([w * length_mm, t]))
+    turn = -back[:3] / length_mm
+    placement = Placement(
+        rotation_from_vector(turn) @ end.rotation, end.position_mm - left_jacobian(turn) @ back[3:]
+    )
+    return placement, float(np.linalg.norm(back))
+
+
 def stepped(placement: Placement, step: Array, length_mm: float) -> Placement:
     """Return the placement after a small motion (w length, t) about the centroid.
 
@@ -225,14 +262,8 @@ def stepped(placement: Placement, step: Array, length_mm: float) -> Placement:
     length_mm : float
         Scale of the rotation, mm.
     """
-    w = step[:3] / length_mm
-    angle = float(np.linalg.norm(w))
-    x, y, z = (float(value) for value in w)
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    a = np.sinc(angle / np.pi)
-    b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    u, _, vt = np.linalg.svd((np.eye(3) + a * skew + b * (skew @ skew)) @ placement.rotation)
-    return Placement(u @ vt, placement.position_mm + step[3:])
+    turned = rotation_from_vector(step[:3] / length_mm) @ placement.rotation
+    return Placement(orthonormalised(turned), placement.position_mm + step[3:])
 
 
 def _downhill(

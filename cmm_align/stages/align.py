@@ -21,8 +21,8 @@ from cmm_align.errors import NumericsError, UsageError
 from cmm_align.model import Alignment, FitReport, Nominal, PointKind, PointSet, frozen_array
 from cmm_align.numerics.foot_point import Feet, foot_points
 from cmm_align.numerics.linearisation import Measure, Placement, evaluate, in_threads, moved
-from cmm_align.numerics.observability import Spectrum, free_motions_in_words
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit
+from cmm_align.numerics.observability import Spectrum, free_motions_in_words, spectrum, uncertain_axes
+from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, without_free_drift
 from cmm_align.numerics.triangle_net import triangle_net
 from cmm_align.pose import Pose
 from cmm_align.stages.plausibility import check_measured
@@ -44,6 +44,9 @@ ON_SURFACE: Final = 0.5
 """Share of the points that must end on the nominal."""
 WAY_POINTS: Final = 5000
 """Points that are enough to find the way."""
+ROUGHNESS_FACTOR: Final = 0.2
+"""Mean square of the slopes of noise in squares of its PV over the spacing, with a margin of three."""
+FREE_ROUNDS: Final = 20
 TRIMS: Final = 6
 """Rounds in which stray points are left out while the way is found."""
 TWO_PATH_POINTS: Final = 200_000
@@ -110,26 +113,28 @@ def align(
     centred = measured.points_mm - centroid
     length = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
     size = nominal.surface.bounds.diagonal_mm
-    settings = _settings(config, size, length)
+    settings = _settings(config, nominal, size, length)
     measure = _measure(nominal, radius, config)
 
     tell("finding the way", 0.0)
     evaluate_only = config.max_iterations == 0
     few = centred[:: max(1, -(-len(centred) // config.coarse_points))]
-    way = _find_the_way(few, centroid, nominal, radius, settings, start)
+    way_start, way = _find_the_way(few, centroid, nominal, radius, settings, start)
     tell("refining", 0.2)
     sampled = len(few) < len(centred)
-    left = replace(settings, max_iterations=max(settings.max_iterations - way.iterations, 0))
-    near = fit(measure, few, way.placement, replace(left, tolerance=SAMPLE_TOLERANCE) if sampled else left)
-    done = way.iterations + near.iterations
-    costs = way.costs_mm2 + near.costs_mm2
+    near = fit(
+        measure, few, way.placement, replace(settings, tolerance=SAMPLE_TOLERANCE) if sampled else settings
+    )
+    begun = near.placement
+    if near.spectral.free.any():
+        begun = _held_at_the_start(measure, few, way_start, near, settings)
     result = near
-    if sampled:
+    if sampled or begun is not near.placement:
         tell("all points", 0.4)
-        left = replace(settings, max_iterations=max(settings.max_iterations - done, 0))
-        result = fit(measure, centred, near.placement, left, curvature=near.curvature)
-        done += result.iterations
-        costs += result.costs_mm2
+        result = fit(measure, centred, begun, settings, curvature=near.curvature if sampled else None)
+    fits = (way, near) if result is near else (way, near, result)
+    done = sum(f.iterations for f in fits)
+    costs = sum((f.costs_mm2 for f in fits), ())
     _check_fit(result, size, evaluate_only)
     tell("second path", 0.8)
 
@@ -152,10 +157,10 @@ def align(
         iterations=done,
         stop_reason="evaluated only" if evaluate_only else result.stop_reason,
         converged=result.converged,
-        unobservable=_unobservable(
-            result.spectral, part_from_machine.apply(centroid), length, part_from_surface
+        unobservable=free_motions_in_words(
+            _turned(result.spectral, part_from_surface), part_from_machine.apply(centroid[None])[0], length
         ),
-        pose_sigma=_pose_sigma(covariance),
+        pose_sigma=_pose_sigma(covariance, _turned(result.spectral, part_from_surface)),
         two_path_difference_nm=two_path * NM_PER_MM,
         cost_history_mm2=costs,
         distance=config.distance,
@@ -178,15 +183,22 @@ def align(
     )
 
 
-def _settings(config: AlignConfig, size: float, length: float) -> FitSettings:
-    """Return the settings of a fit."""
+def _settings(config: AlignConfig, nominal: Nominal, size: float, length: float) -> FitSettings:
+    """Return the settings of a fit.
+
+    A nominal that is rough itself breaks its own symmetries: what its roughness can tell is not told.
+    """
+    rough = 0.0
+    if nominal.quality is not None:
+        slope = nominal.quality.surface_error_pv_nm / NM_PER_MM / max(min(nominal.quality.spacing_mm), 1e-12)
+        rough = ROUGHNESS_FACTOR * slope**2 if np.isfinite(slope) else 0.0
     return FitSettings(
         size_mm=size,
         length_mm=length,
         tolerance=config.step_tolerance,
         max_iterations=config.max_iterations,
         max_rotation_rad=config.max_rotation_step_deg * RAD_PER_DEG,
-        min_observability=config.min_observability,
+        min_observability=max(config.min_observability, rough),
     )
 
 
@@ -208,7 +220,7 @@ def _find_the_way(
     radius: float,
     settings: FitSettings,
     start: Pose | None,
-) -> FitResult:
+) -> tuple[Placement, FitResult]:
     """Bring the cloud near the nominal on a light net of facets; every point counts, wherever it lies."""
     few = few[:: -(-len(few) // WAY_POINTS)]
     net = light_net(nominal.surface, nominal.side, radius)
@@ -236,7 +248,21 @@ def _find_the_way(
         way = again._replace(
             iterations=way.iterations + again.iterations, costs_mm2=way.costs_mm2 + again.costs_mm2
         )
-    return way
+    return placement, way
+
+
+def _held_at_the_start(
+    measure: Measure, few: Array, start: Placement, near: FitResult, settings: FitSettings
+) -> Placement:
+    """Move back along the free motions to where the part lay before the fit."""
+    placement, spectral = near.placement, near.spectral
+    for _ in range(FREE_ROUNDS):
+        placement, movement = without_free_drift(start, placement, spectral, settings.length_mm)
+        if movement <= settings.tolerance * settings.size_mm:
+            break
+        there = evaluate(measure, few, placement, settings.length_mm)
+        spectral = spectrum(there.normal_matrix, settings.min_observability)
+    return placement
 
 
 def _near_the_rest(distance_mm: Array, least_mm: float) -> Mask:
@@ -263,7 +289,7 @@ def _check_fit(result: FitResult, size: float, evaluate_only: bool) -> None:
     if not result.converged and not evaluate_only:
         raise NumericsError(
             f"not converged after {result.iterations} iterations ({result.stop_reason}, RMS {rms:.3g} mm)",
-            remedy="give a start pose with --initial, or raise align.max_iterations",
+            remedy="give a start pose with --initial",
         )
 
 
@@ -320,20 +346,18 @@ def _covariance(result: FitResult, length: float, part_from_surface: Array) -> A
     return covariance
 
 
-def _pose_sigma(covariance: Array) -> dict[str, float]:
-    """Return the standard uncertainty of each motion about the centroid."""
+def _pose_sigma(covariance: Array, spectral: Spectrum) -> dict[str, float]:
+    """Return the standard uncertainty of each motion about the centroid; infinite where one is free."""
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sigma = np.where(uncertain_axes(spectral), np.inf, sigma)
     names = ("rx_urad", "ry_urad", "rz_urad", "tx_um", "ty_um", "tz_um")
     units = (URAD_PER_RAD,) * 3 + (UM_PER_MM,) * 3
     return {name: float(s * u) for name, s, u in zip(names, sigma, units, strict=True)}
 
 
-def _unobservable(
-    spectral: Spectrum, centroid_mm: Array, length: float, part_from_surface: Pose
-) -> tuple[str, ...]:
-    """Name the motions that the data cannot tell, in frame `part`."""
-    turn = np.kron(np.eye(2), part_from_surface.rotation)
-    return free_motions_in_words(spectral._replace(motions=turn @ spectral.motions), centroid_mm, length)
+def _turned(spectral: Spectrum, part_from_surface: Pose) -> Spectrum:
+    """Return the motions in frame `part`."""
+    return spectral._replace(motions=np.kron(np.eye(2), part_from_surface.rotation) @ spectral.motions)
 
 
 def _warnings(
@@ -357,7 +381,7 @@ def _warnings(
     suspect = np.abs(deviation_mm - middle) > SUSPECT * sigma
     count = int(np.count_nonzero(suspect))
     rounding = 1e-9 * nominal.surface.bounds.diagonal_mm
-    if sigma > rounding and 0 < count <= max(0.05 * len(deviation_mm), 3):
+    if sigma > rounding and count:
         named = ", ".join(str(i) for i in ids[suspect][:5]) + (" ..." if count > 5 else "")
         found.append(
             f"{count} points deviate by more than {SUSPECT:g} robust sigma (kept in the fit): {named}"

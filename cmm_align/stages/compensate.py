@@ -116,11 +116,13 @@ def compensate(
 
 
 def map_digest(deviation_map: DeviationMap) -> str:
-    """Return the SHA-256 (hex) of a map's grid and deviations, which tells one measurement from another."""
-    digest = hashlib.sha256()
-    for array in (deviation_map.x_mm, deviation_map.y_mm, deviation_map.deviation_mm):
-        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    return digest.hexdigest()
+    """Return the SHA-256 (hex) of the measured points behind a map.
+
+    Another spacing, filter or alignment of the same measurement is still the same measurement: it must
+    not be ground away twice.
+    """
+    points = deviation_map.alignment.tip_centre_machine_mm
+    return hashlib.sha256(np.ascontiguousarray(points, dtype="<f8").tobytes()).hexdigest()
 
 
 def _check_previous(deviation_map: DeviationMap, digest: str, previous: Correction | None) -> None:

@@ -5,7 +5,8 @@ Method. The deviations are taken at the foot points of the contacts on the nomin
 gets the value of a local quadratic through the points of a moving window, with its standard
 uncertainty; a node that would have to be extrapolated stays unknown, and so does one outside the
 nominal's aperture. The headline numbers are those of the nodes: the probe's noise is averaged out
-of them, while PV of the single points grows with their number.
+of them, while PV of the single points grows with their number. The verdict is given on whichever is worse:
+neither a coarse grid nor a gap between nodes may hide what a point has shown.
 
 Sign: ``deviation > 0`` = excess material along the outward normal n. Along Z it is
 ``deviation / n_z``, n_z being negative where the probe is on the -z side.
@@ -47,6 +48,10 @@ LADDER: Final = (
 )
 """Rungs of the ladder: what is removed, and how many polynomials that is."""
 
+MIN_COVERAGE: Final = 0.9
+"""What was not measured cannot pass."""
+
+_COVERAGE_NODES: Final = 201
 _PVR_DEGREE: Final = 7
 """All products up to this total degree are 36 terms."""
 
@@ -103,6 +108,10 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     statistics = deviation_statistics(deviation, x_grid, y_grid)
     ladder, pvr_mm = _ladder(deviation, x_grid, y_grid)
     u_rms_mm = _u_rms(alignment, places, fit, sigma, statistics)
+    points = deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm)
+    u_pv_mm = _u_pv(deviation, sigma, fit.scatter)
+    coverage = _coverage(nominal, x_mm, y_mm, np.isfinite(deviation))
+    verdict, lines = _verdict((statistics, points), u_pv_mm, u_rms_mm, coverage, config)
     return DeviationMap(
         alignment=alignment,
         x_mm=frozen_array(x_mm),
@@ -111,12 +120,14 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         sag_deviation_mm=frozen_array(deviation / n_z),
         sigma_mm=frozen_array(sigma),
         statistics=statistics,
-        point_statistics=deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm),
+        point_statistics=points,
         pvr_mm=pvr_mm,
         u_rms_mm=u_rms_mm,
         ladder=ladder,
-        verdict=_verdict(statistics, _u_pv(deviation, sigma), u_rms_mm, config),
+        verdict=verdict,
         spacing_mm=spacing_mm,
+        coverage=coverage,
+        verdict_lines=lines,
     )
 
 
@@ -230,30 +241,68 @@ def _u_rms(
     return float(np.sqrt(noise**2 + bias**2 + max(pose, 0.0)))
 
 
-def _u_pv(deviation: Array, sigma: Array) -> float:
-    """Return the standard uncertainty of PV, mm: that of its two extreme nodes."""
+def _u_pv(deviation: Array, sigma: Array, scatter_mm: float) -> float:
+    """Return the standard uncertainty of PV, mm: of two extreme nodes, or two single points if larger."""
     two = sigma.flat[int(np.nanargmin(deviation))], sigma.flat[int(np.nanargmax(deviation))]
-    return float(np.hypot(*np.nan_to_num(two)))
+    return max(float(np.hypot(*np.nan_to_num(two))), float(np.sqrt(2.0) * np.nan_to_num(scatter_mm)))
 
 
-def _verdict(statistics: Statistics, u_pv_mm: float, u_rms_mm: float, config: ErrorMapConfig) -> Verdict:
-    """Return the decision under the rule of ISO 14253-1: a guard band on both sides of a tolerance."""
-    outcomes = []
-    for value_mm, u_mm, tolerance_um in (
-        (statistics.pv_mm, u_pv_mm, config.tolerance_pv_um),
-        (statistics.rms_mm, u_rms_mm, config.tolerance_rms_um),
+def _coverage(nominal: Nominal, x_mm: Array, y_mm: Array, known: Mask) -> float:
+    """Return the share of the nominal's area that lies within a step of a known node.
+
+    The outer nodes stand inside the data by design; a whole step allows for that and for the reach of
+    the ball at the border.
+    """
+    b = nominal.surface.bounds
+    x = np.linspace(b.x_min, b.x_max, _COVERAGE_NODES)
+    y = np.linspace(b.y_min, b.y_max, _COVERAGE_NODES)
+    px, py = (a.ravel() for a in np.meshgrid(x, y))
+    inside = nominal.surface.contains(px, py)
+    u = (px - x_mm[0]) / (x_mm[1] - x_mm[0])
+    v = (py - y_mm[0]) / (y_mm[1] - y_mm[0])
+    near = np.zeros(len(px), dtype=bool)
+    for du in (-1, 0, 1):
+        for dv in (-1, 0, 1):
+            iu, iv = np.rint(u).astype(np.intp) + du, np.rint(v).astype(np.intp) + dv
+            there = (iu >= 0) & (iu < len(x_mm)) & (iv >= 0) & (iv < len(y_mm))
+            close = there & (np.abs(u - iu) <= 1.0) & (np.abs(v - iv) <= 1.0)
+            near[close] |= known[iv[close], iu[close]]
+    return float(np.count_nonzero(near & inside) / max(int(np.count_nonzero(inside)), 1))
+
+
+def _verdict(
+    judged: tuple[Statistics, Statistics],
+    u_pv_mm: float,
+    u_rms_mm: float,
+    coverage: float,
+    config: ErrorMapConfig,
+) -> tuple[Verdict, tuple[str, ...]]:
+    """Return the decision under the rule of ISO 14253-1: a guard band on both sides of a tolerance.
+
+    Judged is the worse of the nodes and the single points.
+    """
+    outcomes, lines = [], []
+    for name, values_mm, u_mm, tolerance_um in (
+        ("PV", [s.pv_mm for s in judged], u_pv_mm, config.tolerance_pv_um),
+        ("RMS", [s.rms_mm for s in judged], u_rms_mm, config.tolerance_rms_um),
     ):
         if tolerance_um <= 0.0:
             continue
-        margin_um = tolerance_um - value_mm * UM_PER_MM
-        guard_um = config.guard_factor * u_mm * UM_PER_MM
+        value_um, u_um = max(values_mm) * UM_PER_MM, u_mm * UM_PER_MM
+        margin_um, guard_um = tolerance_um - value_um, config.guard_factor * u_um
         if margin_um < 0.0 and margin_um <= -guard_um:
-            outcomes.append(Verdict.FAIL)
+            outcome = Verdict.FAIL
         elif margin_um >= guard_um:
-            outcomes.append(Verdict.PASS)
+            outcome = Verdict.PASS
         else:
-            outcomes.append(Verdict.UNDECIDED)
+            outcome = Verdict.UNDECIDED
+        outcomes.append(outcome)
+        sign = "<=" if margin_um >= 0.0 else ">"
+        lines.append(f"{name} {value_um:.4g} um {sign} {tolerance_um:.4g} um (u {u_um:.2g} um): {outcome}")
+    if outcomes and coverage < MIN_COVERAGE:
+        outcomes.append(Verdict.UNDECIDED)
+        lines.append(f"only {100.0 * coverage:.0f} % of the nominal was measured: undecided at best")
     for verdict in (Verdict.FAIL, Verdict.UNDECIDED, Verdict.PASS):
         if verdict in outcomes:
-            return verdict
-    return Verdict.NONE
+            return verdict, tuple(lines)
+    return Verdict.NONE, ()

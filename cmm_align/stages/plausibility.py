@@ -82,15 +82,15 @@ def _check_size(measured_mm: float, nominal_mm: float, where: str) -> None:
     """Compare sizes; name the unit that would explain a ratio."""
     ratio = measured_mm / nominal_mm
     unlike = [(unit, MM_PER[unit]) for unit in ("inch", "um", "m")]
-    looks = [(1.0 / per, f"the points look like {unit}: give --units {unit}") for unit, per in unlike]
-    looks += [(per, f"the nominal looks like {unit}: run offset with --units {unit}") for unit, per in unlike]
-    for expected, remedy in looks:
+    looks = [(1.0 / per, f"as if the points were {unit} and the nominal mm") for unit, per in unlike]
+    looks += [(per, f"as if the nominal were {unit} and the points mm") for unit, per in unlike]
+    for expected, words in looks:
         if expected / _UNIT_WINDOW < ratio < expected * _UNIT_WINDOW:
             raise UnitsError(
-                f"the cloud is {ratio:.4g} times the size of the nominal",
+                f"the cloud is {ratio:.4g} times the size of the nominal, {words}",
                 where=where,
-                expected="the same unit on both sides",
-                remedy=remedy,
+                expected="the right unit for both",
+                remedy="check --units of this command and of offset",
             )
     if ratio > LARGEST_RATIO:
         raise GeometryError(

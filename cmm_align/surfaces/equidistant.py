@@ -27,6 +27,7 @@ MARGIN: Final = 0.005
 
 _CHUNK: Final = 16384
 _SAMPLE: Final = 12_000
+_SLIVER: Final = 4.0
 
 
 class Nodes(NamedTuple):
@@ -67,9 +68,12 @@ def grid_nodes(surface: Surface, side: int, x_mm: Array, y_mm: Array, known: Mas
     return _nodes(surface, side, px[known], py[known], grid_triangles(known))
 
 
-def scattered_nodes(surface: Surface, side: int, x_mm: Array, y_mm: Array) -> Nodes:
-    """Return nodes at scattered places of shape (n,), with their Delaunay triangulation."""
-    return _nodes(surface, side, x_mm, y_mm, delaunay_triangles(x_mm, y_mm))
+def scattered_nodes(
+    surface: Surface, side: int, x_mm: Array, y_mm: Array, triangles: NDArray[np.int32] | None = None
+) -> Nodes:
+    """Return nodes at scattered places of shape (n,), with their triangles or, without, Delaunay's."""
+    net = delaunay_triangles(x_mm, y_mm) if triangles is None else triangles
+    return _nodes(surface, side, x_mm, y_mm, net)
 
 
 def _nodes(surface: Surface, side: int, x: Array, y: Array, triangles: NDArray[np.int32]) -> Nodes:
@@ -93,9 +97,10 @@ def facet_error_pv_mm(surface: Surface, side: int, radius_mm: float, nodes: Node
 
     At the centroids and the middles of the edges of a sample of facets; the vertices count as zero. For a
     facet of a grid of step h on curvature k the largest is ``h^2 k / 4`` (middle of the diagonal of a
-    square cell on a sphere), which the tests check.
+    square cell on a sphere), which the tests check. Slivers along the hull of scattered points span gaps
+    instead of surface and are left out.
     """
-    pick = nodes.triangles[:: max(1, len(nodes.triangles) // _SAMPLE)]
+    pick = _without_slivers(nodes, nodes.triangles[:: max(1, len(nodes.triangles) // _SAMPLE)])
     offset = nodes.points_mm + radius_mm * nodes.normals
     a, b, c = (offset[pick[:, k]] for k in range(3))
     places = np.concatenate([(a + b + c) / 3.0, (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0])
@@ -104,6 +109,14 @@ def facet_error_pv_mm(surface: Surface, side: int, radius_mm: float, nodes: Node
     error = feet.distance_mm - radius_mm
     error = error[np.isfinite(error)]
     return float(max(error.max(initial=0.0), 0.0) - min(error.min(initial=0.0), 0.0))
+
+
+def _without_slivers(nodes: Nodes, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Leave out facets with an edge far longer than most facets have."""
+    x, y = nodes.points_mm[:, 0][triangles], nodes.points_mm[:, 1][triangles]
+    longest = np.hypot(x - np.roll(x, 1, axis=1), y - np.roll(y, 1, axis=1)).max(axis=1)
+    kept: NDArray[np.int32] = triangles[longest <= _SLIVER * float(np.median(longest))]
+    return kept
 
 
 def _mean_normals(nodes: Nodes, triangles: NDArray[np.int32]) -> Array:

@@ -105,23 +105,25 @@ def recognised_grid(points_mm: Array, tolerance: float) -> GridPoints | None:
 
 
 def _regular_axis(values: Array, tolerance: float) -> _Axis | None:
-    """Find equal steps in coordinates that repeat."""
+    """Find equal steps in coordinates that repeat, jittered by up to `tolerance` of a step."""
     ordered = np.sort(values)
     gaps = np.diff(ordered)
     largest = float(gaps.max(initial=0.0))
     if largest <= 0.0:
         return None
+    # Coordinates of one column stand together; a gap of half a step or more leads to the next one.
     step = float(np.median(gaps[gaps > 0.25 * largest]))
-    span = float(ordered[-1] - ordered[0])
-    count = round(span / step)
-    if count < 1 or count > len(values):
+    starts = np.flatnonzero(np.r_[True, gaps > 0.5 * step])
+    if not 2 <= len(starts) <= len(values) // 2:
         return None
-    step = span / count
-    index = np.rint((values - ordered[0]) / step).astype(np.int64)
-    rest = values - (ordered[0] + index * step)
-    if float(np.abs(rest).max()) > tolerance * step:
+    columns = np.add.reduceat(ordered, starts) / np.diff(np.r_[starts, len(ordered)])
+    step = float(np.median(np.diff(columns)))
+    number = np.r_[0.0, np.cumsum(np.rint(np.diff(columns) / step))]
+    step, first = (float(v) for v in np.polyfit(number, columns, 1))
+    nodes = np.rint((values - first) / step).astype(np.int64)
+    if nodes.min() != 0 or float(np.abs(values - (first + nodes * step)).max()) > tolerance * step:
         return None
-    return _Axis(float(ordered[0]), step, index)
+    return _Axis(first, step, nodes)
 
 
 def grid_surface(grid: GridPoints, degree: int) -> tuple[SplineSurface, float]:
@@ -215,6 +217,7 @@ def _full_cells(known: Mask) -> Mask:
 def _surface_of_degree(grid: GridPoints, known: Mask, degree: int) -> tuple[SplineSurface, float]:
     """Interpolate, moving jittered points back to their nodes along the slope."""
     z = grid.z_mm if known.all() else _filled(grid.z_mm, known)
+    at_nodes = z
     coefficients = interpolating_coefficients(z, degree)
     if (
         max(float(np.abs(grid.off_x_mm).max()) / grid.dx_mm, float(np.abs(grid.off_y_mm).max()) / grid.dy_mm)
@@ -227,11 +230,12 @@ def _surface_of_degree(grid: GridPoints, known: Mask, degree: int) -> tuple[Spli
                 jet.zu.reshape(z.shape) / grid.dx_mm * grid.off_x_mm
                 + jet.zv.reshape(z.shape) / grid.dy_mm * grid.off_y_mm
             )
-            coefficients = interpolating_coefficients(z - shift, degree)
+            at_nodes = z - shift
+            coefficients = interpolating_coefficients(at_nodes, degree)
     surface = SplineSurface(
         "grid", grid.x0_mm, grid.y0_mm, grid.dx_mm, grid.dy_mm, degree, coefficients, _full_cells(known)
     )
-    return surface, _error_between_nodes(z, known, degree)
+    return surface, _error_between_nodes(at_nodes, known, degree)
 
 
 def _filled(z: Array, known: Mask) -> Array:

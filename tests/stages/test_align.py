@@ -301,10 +301,10 @@ def test_a_start_pose_is_used(window, nominal):
         (lambda p: p[:5], GeometryError, "5 points"),
         (lambda p: np.outer(np.arange(50.0), [1.0, 2.0, 3.0]), GeometryError, "on a line"),
         (lambda p: 0 * p + 1, GeometryError, "the same"),
-        (lambda p: p / 25.4, UnitsError, "look like inch"),
-        (lambda p: p * 25.4, UnitsError, "nominal looks like inch"),
-        (lambda p: p / 1000.0, UnitsError, "look like m:"),
-        (lambda p: p * 1000.0, UnitsError, "look like um"),
+        (lambda p: p / 25.4, UnitsError, "the points were inch"),
+        (lambda p: p * 25.4, UnitsError, "the nominal were inch"),
+        (lambda p: p / 1000.0, UnitsError, "the points were m "),
+        (lambda p: p * 1000.0, UnitsError, "the points were um"),
         (lambda p: p * 3.0, GeometryError, "2.89 times the size"),
     ],
     ids=["five", "line", "one place", "inch", "inch nominal", "m", "um", "another part"],
@@ -337,4 +337,42 @@ def test_too_few_iterations_are_not_called_a_result(window, nominal):
     x, y = places(500)
 
     with pytest.raises(NumericsError, match="not converged"):
-        align(measured(tips(window, x, y)), nominal, AlignConfig(max_iterations=6))
+        align(measured(tips(window, x, y, 0.1 * np.sin(x / 5.0))), nominal, AlignConfig(max_iterations=1))
+
+
+def test_free_motions_of_a_sphere_stay_at_the_start(window):
+    ball = bare(cf.Sphere(radius_mm=-50.0))
+    x, y = places(800, half=(14.0, 14.0))
+    shift = Pose(np.eye(3), np.array([3.0, 2.0, 1.0]), "machine", "part")
+
+    found = align(measured(tips(ball.surface, x, y), shift), ball)
+
+    assert np.abs(found.part_from_machine.rotation_vector_rad()).max() < 1e-9
+    np.testing.assert_allclose(found.part_from_machine.translation_mm, [-3.0, -2.0, -1.0], atol=1e-7)
+    assert found.report.pose_sigma["rz_urad"] == np.inf
+
+
+def test_a_rough_nominal_does_not_make_a_free_motion_observable():
+    rng = np.random.default_rng(9)
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-15.0, 15.5), np.arange(-15.0, 15.5)))
+    bowl = cf.Paraboloid()
+    rough = np.stack([x, y, bowl.jet(x, y).z + rng.normal(0, 1e-4, x.size)], axis=1)
+    nominal = offset(PointSet.of(rough, kind=PointKind.NOMINAL), RADIUS)
+    u, v = places(1500, half=(13.0, 13.0))
+
+    found = align(measured(tips(bowl, u, v), Pose.identity("machine", "part")), nominal)
+
+    assert len(found.report.unobservable) == 1
+
+
+def test_jitter_of_a_grid_is_no_error_of_its_surface(window):
+    rng = np.random.default_rng(10)
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-40.0, 40.5), np.arange(-25.0, 25.5)))
+    x, y = x + rng.uniform(-0.01, 0.01, x.size), y + rng.uniform(-0.01, 0.01, y.size)
+
+    nominal = offset(PointSet.of(np.stack([x, y, window.jet(x, y).z], axis=1), kind=PointKind.NOMINAL), RADIUS)
+
+    u, v = places(3000, half=(39.0, 24.0))
+    assert nominal.kind == "grid"
+    assert 1e6 * np.ptp(nominal.surface.jet(u, v).z - window.jet(u, v).z) < 5.0
+    assert nominal.quality.surface_error_pv_nm < 20.0
