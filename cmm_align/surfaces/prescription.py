@@ -13,7 +13,8 @@ from cmm_align import units
 from cmm_align.errors import MalformedInputError
 from cmm_align.surfaces.aperture import Aperture, aperture_from_table
 from cmm_align.surfaces.protocol import Array, Bounds, Jet, Mask
-from cmm_align.surfaces.terms import Term, term_from_table
+from cmm_align.surfaces.terms import term_from_table
+from cmm_align.surfaces.terms.term import Term
 from cmm_align.toml_table import check_keys
 
 SCHEMA: Final = "cmm-align/prescription/1"

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from cmm_align.errors import MalformedInputError
 from cmm_align.surfaces.protocol import Array, Jet
-from cmm_align.toml_table import check_keys, number
+from cmm_align.surfaces.terms.coefficients import by_pair, positive
+from cmm_align.surfaces.terms.term import check_term_keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,19 +59,5 @@ def _horner(row: Mapping[int, float], u: Array) -> tuple[Array, Array, Array]:
 
 def from_table(table: Mapping[str, Any], where: str) -> XYPolynomial:
     """Return the term of a [[term]] table with `normalization_radius` and `coefficients`."""
-    check_keys(table, {"kind", "normalization_radius", "coefficients"}, where=where)
-    length = number(table, "normalization_radius", where=where, default=1.0)
-    if length <= 0.0:
-        raise MalformedInputError(f"normalization_radius = {length}", where=where, expected="> 0")
-    values = table.get("coefficients")
-    if not isinstance(values, Mapping) or not values:
-        raise MalformedInputError(
-            "no coefficients", where=where, expected='coefficients = { "i,j" = C, ... }'
-        )
-    terms = []
-    for key in values:
-        parts = [part.strip() for part in key.split(",")]
-        if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
-            raise MalformedInputError(f"power {key!r}", where=where, expected='two integers, as "2,0"')
-        terms.append((int(parts[0]), int(parts[1]), number(values, key, where=where)))
-    return XYPolynomial(tuple(sorted(terms)), length)
+    check_term_keys(table, {"normalization_radius", "coefficients"}, where)
+    return XYPolynomial(by_pair(table, where), positive(table, "normalization_radius", where, default=1.0))
