@@ -7,34 +7,41 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from cmm_align import formats, io
-from cmm_align.errors import MalformedInputError, MissingFileError, WrongStageError
+from cmm_align.errors import MalformedInputError, MissingFileError, UsageError, WrongStageError
 from cmm_align.io.schema import NOMINAL, STAGES
 from cmm_align.model import Nominal, PointKind, PointSet
 from cmm_align.provenance import Step
+from cmm_align.surfaces.mesh import TriangleMesh
+from cmm_align.surfaces.nurbs import NurbsSurface
 from cmm_align.surfaces.prescription import PrescriptionSurface
 from cmm_align.surfaces.protocol import Array
 
-AnyNoun: TypeAlias = io.Noun | PointSet | PrescriptionSurface
+AnyNoun: TypeAlias = io.Noun | PointSet | PrescriptionSurface | TriangleMesh | NurbsSurface
 
 _HDF5_SUFFIXES: Final = (".h5", ".hdf5", ".hdf")
 
 
-def read(path: Path | str, units: str | None = None) -> AnyNoun:
-    """Return what any file holds: a noun of ours, points, or a prescription.
+def read(path: Path | str, units: str | None = None, face: int | None = None) -> AnyNoun:
+    """Return what any file holds: a noun of ours, points, a prescription, a mesh or a CAD face.
 
     Parameters
     ----------
     path : path
     units : str, optional
         Unit of length where the file states none; mm by default.
+    face : int, optional
+        Number of the face of a STEP or IGES file, from 1; needed where it holds several.
 
     Raises
     ------
     InputError
         If the file is missing, malformed, or in another unit.
+    UsageError
+        If a face is asked for and there is none.
     """
     if not _is_hdf5(path):
-        return formats.read_nominal_source(path, units)
+        return formats.read_nominal_source(path, units, face)
+    _refuse_face(path, face)
     if io.schema_of(path) is None:
         return io.read_points_hdf5(path, units)
     return io.read(path)
@@ -62,8 +69,11 @@ def read_measured(path: Path | str, units: str | None = None) -> PointSet:
 
 
 def read_nominal_any(
-    path: Path | str, units: str | None = None, with_equidistant: bool = False
-) -> Nominal | PointSet | PrescriptionSurface:
+    path: Path | str,
+    units: str | None = None,
+    with_equidistant: bool = False,
+    face: int | None = None,
+) -> Nominal | formats.NominalSource:
     """Return a nominal in whatever form the file holds it.
 
     Parameters
@@ -73,6 +83,8 @@ def read_nominal_any(
         Unit of length where the file states none; mm by default.
     with_equidistant : bool
         Whether a file of `offset` is read with its net of nodes and triangles.
+    face : int, optional
+        Number of the face of a STEP or IGES file, from 1; needed where it holds several.
 
     Raises
     ------
@@ -80,10 +92,14 @@ def read_nominal_any(
         If the file is a result of a later stage, or commanded points.
     InputError
         If the file is missing, malformed, or in another unit.
+    UsageError
+        If a face is asked for and there is none.
     """
+    source: formats.NominalSource
     if not _is_hdf5(path):
-        source = formats.read_nominal_source(path, units)
+        source = formats.read_nominal_source(path, units, face)
     else:
+        _refuse_face(path, face)
         found = io.schema_of(path)
         if found is not None:
             return io.read_nominal(path, with_equidistant)
@@ -117,6 +133,7 @@ def write_points(
     decimals: int = 6,
     normals: Array | None = None,
     with_ids: bool = False,
+    notes: Sequence[str] = (),
     overwrite: bool = False,
 ) -> None:
     """Write points as text of ours, whole or not at all.
@@ -133,6 +150,8 @@ def write_points(
         Unit vectors for the columns i, j, k, in the frame of the points.
     with_ids : bool
         Whether to write the column `id`.
+    notes : sequence of str
+        Lines for people (ASCII), written as comments under the header.
     overwrite : bool
         Whether an existing file may be replaced.
 
@@ -141,13 +160,68 @@ def write_points(
     OutputError
         If it cannot be written; an old file is then as it was.
     """
-    blocks = formats.text_blocks(points, units=units, decimals=decimals, normals=normals, with_ids=with_ids)
+    blocks = formats.text_blocks(
+        points, units=units, decimals=decimals, normals=normals, with_ids=with_ids, notes=notes
+    )
     with io.atomic_path(path, overwrite) as temporary, temporary.open("wb") as stream:
         stream.writelines(blocks)
 
 
+def write_grid(
+    path: Path | str,
+    x_mm: Array,
+    y_mm: Array,
+    z_mm: Array,
+    form: str = "zemax",
+    *,
+    derivatives: tuple[Array, Array, Array] | None = None,
+    title: str = "surface height",
+    overwrite: bool = False,
+) -> None:
+    """Write heights on a grid for optical design, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    x_mm, y_mm : ndarray, shape (nx,), (ny,), mm
+        Ascending, equal steps.
+    z_mm : ndarray, shape (ny, nx), mm
+        NaN where unknown.
+    form : str
+        ``zemax`` (grid sag .DAT) or ``codev`` (.INT, which knows no lengths along x and y).
+    derivatives : tuple of ndarray, each of shape (ny, nx), optional
+        dz/dx, dz/dy and d2z/dxdy (1/mm), for ``zemax``; its reader finds them itself without.
+    title : str
+        For ``codev``.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    UsageError
+        If the form is unknown, or the grid is none that it can hold.
+    OutputError
+        If it cannot be written; an old file is then as it was.
+    """
+    if form not in {"zemax", "codev"}:
+        raise UsageError(f"form {form!r}", expected="zemax or codev")
+    if form == "zemax":
+        blocks = formats.zemax_grid_sag_text(x_mm, y_mm, z_mm, derivatives)
+    else:
+        blocks = formats.codev_int_text(z_mm, title)
+    with io.atomic_path(path, overwrite) as temporary, temporary.open("wb") as stream:
+        stream.writelines(blocks)
+
+
+def _refuse_face(path: Path | str, face: int | None) -> None:
+    if face is not None:
+        raise UsageError(f"--face {face} for {path}", expected="a STEP or IGES file: others have no faces")
+
+
 def _is_hdf5(path: Path | str) -> bool:
     """Return whether a file is HDF5 by content; the suffix decides where the content says nothing."""
+    if Path(path).is_dir():
+        raise MissingFileError("is a folder", where=str(path), expected="a file")
     try:
         with Path(path).open("rb") as stream:
             head = stream.read(len(io.MAGIC))

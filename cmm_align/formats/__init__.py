@@ -9,16 +9,30 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from cmm_align.errors import MalformedInputError, WrongStageError
-from cmm_align.formats import delimited, npy, prescription_toml
+from cmm_align.errors import MalformedInputError, UsageError, WrongStageError
+from cmm_align.formats import cad, codev_int, delimited, mesh, npy, prescription_toml, zemax_grid_sag
+from cmm_align.formats.codev_int import codev_int_text
 from cmm_align.formats.points_text import text_blocks
 from cmm_align.formats.source import Source, load
+from cmm_align.formats.zemax_grid_sag import zemax_grid_sag_text
 from cmm_align.model import PointSet
+from cmm_align.surfaces.mesh import TriangleMesh
+from cmm_align.surfaces.nurbs import NurbsSurface
 from cmm_align.surfaces.prescription import PrescriptionSurface
 
-NominalSource: TypeAlias = PointSet | PrescriptionSurface
+NominalSource: TypeAlias = PointSet | PrescriptionSurface | TriangleMesh | NurbsSurface
 
-__all__ = ["FORMATS", "Format", "NominalSource", "read_nominal_source", "read_points", "sniff", "text_blocks"]
+__all__ = [
+    "FORMATS",
+    "Format",
+    "NominalSource",
+    "codev_int_text",
+    "read_nominal_source",
+    "read_points",
+    "sniff",
+    "text_blocks",
+    "zemax_grid_sag_text",
+]
 
 
 class Format(NamedTuple):
@@ -34,6 +48,10 @@ class Format(NamedTuple):
 FORMATS: Final[tuple[Format, ...]] = (
     Format("npy", npy.recognises, npy.read),
     Format("prescription", prescription_toml.recognises, prescription_toml.read),
+    Format("CAD", cad.recognises, cad.read),
+    Format("mesh", mesh.recognises, mesh.read),
+    Format("Zemax grid sag", zemax_grid_sag.recognises, zemax_grid_sag.read),
+    Format("CODE V interferogram", codev_int.recognises, codev_int.read),
     Format("delimited text", delimited.recognises, delimited.read),
 )
 """Tried in this order; the last one takes whatever is left and says what is wrong with it."""
@@ -68,12 +86,14 @@ def read_points(path: Path | str, units: str | None = None) -> PointSet:
     MissingFileError, MalformedInputError, UnitsError
         If the file cannot be read as points.
     WrongStageError
-        If it is a prescription.
+        If it is a prescription, a mesh or a CAD file.
     """
-    read = read_nominal_source(path, units)
+    source = load(path)
+    known = sniff(source)
+    read = None if known.read is cad.read else known.read(source, units)
     if not isinstance(read, PointSet):
         raise WrongStageError(
-            "this is a prescription, a nominal, not points",
+            f"this is a {known.name}{' file' if known.name == 'CAD' else ''}, a nominal, not points",
             where=str(path),
             expected="points of the measuring machine",
             remedy="give it as the last argument of `cmm-align align`, or to `cmm-align offset`",
@@ -81,13 +101,30 @@ def read_points(path: Path | str, units: str | None = None) -> PointSet:
     return read
 
 
-def read_nominal_source(path: Path | str, units: str | None = None) -> NominalSource:
-    """Return the points or the prescription of a file of any format.
+def read_nominal_source(path: Path | str, units: str | None = None, face: int | None = None) -> NominalSource:
+    """Return the points, prescription, mesh or patch of a file of any format.
+
+    Parameters
+    ----------
+    path : path
+    units : str, optional
+        Unit of length where the file states none; mm by default.
+    face : int, optional
+        Number of the face of a CAD file, from 1; needed where it holds several.
 
     Raises
     ------
     MissingFileError, MalformedInputError, UnitsError
         If the file cannot be read.
+    UsageError
+        If a face is asked for and there is none.
     """
     source = load(path)
-    return sniff(source).read(source, units)
+    known = sniff(source)
+    if known.read is cad.read:
+        return cad.read(source, units, face)
+    if face is not None:
+        raise UsageError(
+            f"--face {face} for {source.where}", expected="a STEP or IGES file: others have no faces"
+        )
+    return known.read(source, units)

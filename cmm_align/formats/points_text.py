@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,7 @@ def text_blocks(
     decimals: int = 6,
     normals: Array | None = None,
     with_ids: bool = False,
+    notes: Sequence[str] = (),
 ) -> Iterator[bytes]:
     """Give a text file of ours, block by block.
 
@@ -36,6 +37,8 @@ def text_blocks(
         Unit vectors for the columns i, j, k, in the frame of the points.
     with_ids : bool
         Whether to write the column `id`.
+    notes : sequence of str
+        Lines for people, written as comments under the header.
 
     Yields
     ------
@@ -60,7 +63,9 @@ def text_blocks(
         formats.append("%.3e")
         columns.append(points.sigma_mm[:, None] / scale)
     row = ",".join(formats) + "\n"
-    yield f"{header_line(units, points.kind, points.frame)}\n{','.join(names)}\n".encode("ascii")
+    comments = "".join(f"# {note}\n" for note in notes)
+    header = header_line(units, points.kind, points.frame)
+    yield f"{header}\n{comments}{','.join(names)}\n".encode("ascii")
     for start in range(0, len(points), _BLOCK_ROWS):
         block = np.concatenate([column[start : start + _BLOCK_ROWS] for column in columns], axis=1)
         yield (row * len(block) % tuple(block.ravel().tolist())).encode("ascii")

@@ -50,14 +50,35 @@ DATASETS: Final[dict[str, Dataset]] = {
     "surface/coefficients_mm": Dataset("mm", "coefficients of the uniform tensor-product B-spline [iy, ix]"),
     "surface/cells": Dataset("1", "cells of a net over the same rectangle that hold surface [iy, ix]"),
     "surface/prescription": Dataset("1", "prescription as TOML text"),
+    "surface/knots_u": Dataset("1", "knots of the rational B-spline patch along u, with multiplicity"),
+    "surface/knots_v": Dataset("1", "knots of the rational B-spline patch along v, with multiplicity"),
+    "surface/control_mm": Dataset("mm", "control points of the patch, frame surface [iu, iv, 3]"),
+    "surface/weights": Dataset("1", "weights of the control points [iu, iv]"),
+    "surface/loops_uv": Dataset("1", "outline and holes of the patch, one after the other: u, v"),
+    "surface/loop_sizes": Dataset("1", "corners of each closed polygon in loops_uv"),
     "surface/surface_from_part": Dataset("mm", "4x4 motion that turns the projection direction to +z"),
     "nominal/points_mm": Dataset("mm", "nodes on the nominal, frame part"),
     "nominal/normals": Dataset("1", "unit normals of the nominal towards the probe, frame part"),
     "nominal/slope": Dataset("1", "slope of the nominal over its projection plane"),
     "nominal/gaussian_curvature_per_mm2": Dataset("1/mm^2", "Gaussian curvature of the nominal"),
-    "equidistant/points_mm": Dataset("mm", "nominal + tip radius * normal, frame part"),
+    "equidistant/points_mm": Dataset(
+        "mm",
+        "centre of the ball, frame part: nominal + tip radius * normal, or the envelope where it is held off",
+    ),
     "equidistant/triangles": Dataset("1", "Delaunay triangles of the projection: row numbers of points_mm"),
     "equidistant/regular": Dataset("1", "where tip radius * concave curvature < 1"),
+    "equidistant/reach": Dataset(
+        "1",
+        "0 = the ball reaches the node, 1 = an edge that stands proud is touched first, "
+        "2 = held off by another part of the surface, 3 = the surface is curved more than the ball",
+    ),
+    "nominal/least_curvature_per_mm": Dataset(
+        "1/mm", "smaller principal curvature, positive = concave towards the probe"
+    ),
+    "nominal/most_curvature_per_mm": Dataset(
+        "1/mm", "larger principal curvature, positive = concave towards the probe"
+    ),
+    "nominal/feature": Dataset("1", "where the principal curvatures differ by more than the threshold"),
     "pose/part_from_machine": Dataset("mm", "4x4 motion: p_part = R p_machine + t"),
     "pose/covariance": Dataset(
         "rad^2, rad mm, mm^2", "of (rx, ry, rz, tx, ty, tz) about the centroid, frame part"

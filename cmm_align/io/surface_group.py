@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmm_align.errors import InputError, MalformedInputError
+from cmm_align.errors import GeometryError, InputError, MalformedInputError
 from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.records import read_record, write_record
 from cmm_align.io.safe_hdf5 import attribute, find, read_array, read_text, where_of
 from cmm_align.io.writing import write_array, write_text
 from cmm_align.model import Nominal, NominalQuality
 from cmm_align.pose import Pose
+from cmm_align.surfaces.nurbs import NurbsSurface
 from cmm_align.surfaces.prescription import prescription_from_toml
 from cmm_align.surfaces.protocol import Surface
 from cmm_align.surfaces.spline_surface import SplineSurface
@@ -24,15 +25,16 @@ CARRIED = "/nominal_surface"
 
 _FORM_SPLINE = "spline"
 _FORM_PRESCRIPTION = "prescription"
+_FORM_NURBS = "nurbs"
 
 
 def write_surface(group: h5py.Group, surface: Surface) -> None:
-    """Write a surface as a spline's coefficients or a prescription's text.
+    """Write a surface as a spline's coefficients, a patch's control net or a prescription's text.
 
     Raises
     ------
     InputError
-        If it is neither.
+        If it is none of them.
     """
     if isinstance(surface, SplineSurface):
         group.attrs["form"] = _FORM_SPLINE
@@ -42,6 +44,9 @@ def write_surface(group: h5py.Group, surface: Surface) -> None:
             group.attrs[name] = float(getattr(surface, name))
         write_array(group, "coefficients_mm", surface.coefficients_mm, noun="surface")
         write_array(group, "cells", surface.cells, noun="surface")
+        return
+    if isinstance(surface, NurbsSurface):
+        _write_nurbs(group, surface)
         return
     text = getattr(surface, "toml_text", None)
     if not isinstance(text, str):
@@ -63,9 +68,11 @@ def read_surface(file: h5py.File, path: str) -> Surface:
     if form == _FORM_PRESCRIPTION:
         where = where_of(file, f"{path}/prescription")
         return prescription_from_toml(read_text(file, f"{path}/prescription"), where)
+    if form == _FORM_NURBS:
+        return _read_nurbs(file, path)
     if form != _FORM_SPLINE:
         raise MalformedInputError(
-            f"form {form!r}", where=where_of(file, path), expected="spline or prescription"
+            f"form {form!r}", where=where_of(file, path), expected="spline, nurbs or prescription"
         )
     degree = attribute(file, path, "degree", int)
     coefficients = read_array(file, f"{path}/coefficients_mm", (None, None), finite=True)
@@ -80,6 +87,47 @@ def read_surface(file: h5py.File, path: str) -> Surface:
     return SplineSurface(
         attribute(file, path, "kind"), place[0], place[1], place[2], place[3], degree, coefficients, cells
     )
+
+
+def _write_nurbs(group: h5py.Group, patch: NurbsSurface) -> None:
+    """Write all numbers of a patch: reading it again needs no CAD library."""
+    group.attrs["form"] = _FORM_NURBS
+    group.attrs["kind"] = patch.kind
+    group.attrs["degree_u"], group.attrs["degree_v"] = patch.degree_u, patch.degree_v
+    group.attrs["source"] = patch.source
+    group.attrs["conversion_error_mm"] = patch.conversion_error_mm
+    for name in ("knots_u", "knots_v", "control_mm", "weights"):
+        write_array(group, name, getattr(patch, name), noun="surface")
+    write_array(group, "loops_uv", np.concatenate(patch.loops_uv), noun="surface")
+    write_array(group, "loop_sizes", [len(loop) for loop in patch.loops_uv], noun="surface")
+
+
+def _read_nurbs(file: h5py.File, path: str) -> NurbsSurface:
+    """Return the patch of a group."""
+    control = read_array(file, f"{path}/control_mm", (None, None, 3), finite=True)
+    loops = read_array(file, f"{path}/loops_uv", (None, 2), finite=True)
+    sizes = read_array(file, f"{path}/loop_sizes", (None,), "i")
+    if not len(sizes) or sizes.min() < 3 or sizes.sum() != len(loops):
+        raise MalformedInputError(
+            f"polygons of {sizes.tolist()[:8]} corners",
+            where=where_of(file, f"{path}/loop_sizes"),
+            expected=f"at least 3 each, {len(loops)} together",
+        )
+    try:
+        return NurbsSurface.of(
+            (attribute(file, path, "degree_u", int), attribute(file, path, "degree_v", int)),
+            read_array(file, f"{path}/knots_u", (None,), finite=True),
+            read_array(file, f"{path}/knots_v", (None,), finite=True),
+            control,
+            read_array(file, f"{path}/weights", control.shape[:2], finite=True),
+            np.split(loops, np.cumsum(sizes)[:-1]),
+            attribute(file, path, "source"),
+            attribute(file, path, "conversion_error_mm", float),
+        )
+    except GeometryError as problem:
+        raise MalformedInputError(
+            problem.what, where=where_of(file, path), expected=problem.expected
+        ) from None
 
 
 def write_pose(group: h5py.Group, name: str, pose: Pose, *, noun: str = "") -> None:
