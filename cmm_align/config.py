@@ -30,6 +30,20 @@ class OffsetConfig:
     """Nodes of the equidistant net of a nominal that is a formula."""
     grid_tolerance: float = 0.02
     """Largest jitter of gridded points, in steps of the grid, that still counts as a grid."""
+    feature_curvature_per_mm: float = 0.05
+    """Feature regions: principal curvatures that differ by more than this."""
+    edge_proud_um: float = 10.0
+    """An edge that stands proud by this much must not be touched before the nominal: the edge band."""
+    plan_spacing_mm: float = 0.0
+    """Spacing of the measuring plan; 0 chooses it from the two bounds below."""
+    plan_facet_error_um: float = 1.0
+    """Facets through the points of the plan shall lie this near to the surface, if `plan_points` allow."""
+    plan_points: int = 5_000
+    """Most points of the plan at its base spacing; feature regions come on top."""
+    plan_speed_mm_s: float = 10.0
+    """Speed between the points of the plan, for the estimate of the time."""
+    plan_point_s: float = 1.0
+    """Time of one touch, for the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +52,9 @@ class AlignConfig:
 
     distance: str = "smooth"
     """smooth: orthogonal foot point; facet: the plane of the triangle (the paper's method)."""
+    outliers: str = "reject"
+    """reject: points far from the surface and from their neighbours do not steer the fit, and are listed;
+    keep: every point on the nominal counts."""
     max_iterations: int = 50
     coarse_points: int = 20_000
     """Points that carry the first iterations; the last ones use all."""

@@ -7,6 +7,7 @@ where the surface is smooth, so that the steps converge quadratically although f
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -77,6 +78,15 @@ class FitResult(NamedTuple):
     """Newton's matrix beyond ``J^T J``, scaled, shape (6, 6): the same for any fair sample of the points."""
 
 
+def on_the_surface(now: Evaluation) -> Mask:
+    """Choose the points that lie on the surface."""
+    return now.inside
+
+
+Select = Callable[[Evaluation], Mask]
+"""Which points count."""
+
+
 def fit(
     measure: Measure,
     points_mm: Array,
@@ -84,6 +94,7 @@ def fit(
     settings: FitSettings,
     *,
     used: Mask | None = None,
+    select: Select = on_the_surface,
     previous: Feet | None = None,
     curvature: Array | None = None,
 ) -> FitResult:
@@ -96,7 +107,9 @@ def fit(
     start : Placement
     settings : FitSettings
     used : ndarray of bool, shape (n,), optional
-        Points that count throughout; without it, those that lie on the surface.
+        Points that count throughout; without it, those that `select` chooses.
+    select : callable
+        Which points count, given an evaluation; by default those that lie on the surface.
     previous : Feet, optional
         Feet near the start, to begin from.
     curvature : ndarray, shape (6, 6), optional
@@ -115,6 +128,8 @@ def fit(
     floor = (_ROUNDING * settings.size_mm) ** 2
     placement = start
     now = evaluate(measure, points_mm, placement, settings.length_mm, previous=previous, used=used)
+    if used is None:
+        now = _recounted(points_mm, placement, now, select(now), settings.length_mm)
     bend = curvature
     costs = [now.cost_mm2]
     iterations = 0
@@ -152,7 +167,7 @@ def fit(
             reason = "no further decrease"
             break
         if used is None and _RECOUNT[0] < movement / settings.size_mm < _RECOUNT[1]:
-            there = _recounted(points_mm, trial, there, settings.length_mm)
+            there = _recounted(points_mm, trial, there, select(there), settings.length_mm)
         placement, now = trial, there
         last_movement = movement
         iterations += 1
@@ -169,21 +184,24 @@ def _sigma_mm(now: Evaluation, spectral: Spectrum) -> float:
     return float(np.sqrt(now.cost_mm2 / max(int(np.count_nonzero(now.used)), 1) / weakest))
 
 
-def _recounted(points_mm: Array, placement: Placement, now: Evaluation, length_mm: float) -> Evaluation:
-    """Let exactly the points on the surface count, by correcting the sums for those that changed."""
-    changed = np.flatnonzero(now.inside != now.used)
+def _recounted(
+    points_mm: Array, placement: Placement, now: Evaluation, chosen: Mask, length_mm: float
+) -> Evaluation:
+    """Let exactly the chosen points count, by correcting the sums for those that changed."""
+    chosen = chosen & np.isfinite(now.feet.distance_mm)
+    changed = np.flatnonzero(chosen != now.used)
     if len(changed) == 0:
         return now
-    before, after = int(np.count_nonzero(now.used)), int(np.count_nonzero(now.inside))
+    before, after = int(np.count_nonzero(now.used)), int(np.count_nonzero(chosen))
     total = np.zeros((7, 7))
     total[:6, :6], total[:6, 6], total[6, 6] = now.normal_matrix, now.gradient, now.cost_mm2
-    rows = rows_of(
-        moved(points_mm[changed], placement), placement, Feet(*(a[changed] for a in now.feet)), length_mm
-    )
-    sign = np.where(now.inside[changed], 1.0, -1.0)
+    feet = Feet(*(a[changed] for a in now.feet))
+    rows = rows_of(moved(points_mm[changed], placement), placement, feet, length_mm)
+    rows = np.where(np.isfinite(rows), rows, 0.0)
+    sign = np.where(chosen[changed], 1.0, -1.0)
     total = (total * max(before, 1) + (rows * sign) @ rows.T) / max(after, 1)
     return now._replace(
-        used=now.inside, normal_matrix=total[:6, :6], gradient=total[:6, 6], cost_mm2=float(total[6, 6])
+        used=chosen, normal_matrix=total[:6, :6], gradient=total[:6, 6], cost_mm2=float(total[6, 6])
     )
 
 

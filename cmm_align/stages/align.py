@@ -1,8 +1,8 @@
 """Stage 2, align: the rigid motion that lays the measured tip centres on the equidistant surface.
 
 1. Find the way: a few points on a light net of facets, from wherever the part lies (the paper's method).
-2. Refine: the same points, orthogonal foot points on the smooth nominal.
-3. Finish: all points that lie on the nominal.
+2. Refine: the same points, orthogonal foot points on the smooth nominal, outliers left out.
+3. Finish: all points that lie on the nominal and are no outliers, plain least squares.
 4. Check: the deviation once more by a second path, from a smooth surface through the equidistant points.
 
 The source paper is Photonics 2025, 12(5), 469, doi 10.3390/photonics12050469, section 2.
@@ -18,43 +18,43 @@ import numpy as np
 
 from cmm_align.config import AlignConfig
 from cmm_align.errors import NumericsError, UsageError
-from cmm_align.model import Alignment, FitReport, Nominal, PointKind, PointSet, frozen_array
-from cmm_align.numerics.foot_point import Feet, foot_points
-from cmm_align.numerics.linearisation import Measure, Placement, evaluate, in_threads, moved
-from cmm_align.numerics.observability import Spectrum, free_motions_in_words, spectrum, uncertain_axes
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, without_free_drift
+from cmm_align.model import (
+    MIN_POINTS,
+    Alignment,
+    FitReport,
+    Nominal,
+    PointKind,
+    PointSet,
+    frozen_array,
+)
+from cmm_align.numerics.linearisation import Evaluation, Measure
+from cmm_align.numerics.observability import free_motions_in_words
+from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
+from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Select, fit, on_the_surface
 from cmm_align.numerics.triangle_net import triangle_net
 from cmm_align.pose import Pose
 from cmm_align.stages.plausibility import check_measured
-from cmm_align.surfaces.distance import facet_measure, light_net, smooth_measure
-from cmm_align.surfaces.equidistant import limits_of
-from cmm_align.surfaces.protocol import Array, Mask, Surface
-from cmm_align.units import NM_PER_MM, RAD_PER_DEG, UM_PER_MM, URAD_PER_RAD
+from cmm_align.stages.pose_uncertainty import covariance_of, pose_sigma, turned
+from cmm_align.stages.second_path import two_path_difference_mm, warnings_of
+from cmm_align.stages.way import find_the_way, held_at_the_start
+from cmm_align.surfaces.distance import facet_measure, smooth_measure
+from cmm_align.surfaces.protocol import Array, Mask
+from cmm_align.units import NM_PER_MM, RAD_PER_DEG
 
 DISTANCES: Final = ("smooth", "facet")
-COARSE_TOLERANCE: Final = 1e-3
-"""The light net is left when a step moves nothing by more than this share of the size."""
+OUTLIERS: Final = ("reject", "keep")
+ROBUST_ROUNDS: Final = 12
+"""Rounds of fitting and judging the sample; the rule is frozen then."""
+ROUNDING: Final = 1e-9
+"""Least robust sigma, as a share of the size."""
 SAMPLE_TOLERANCE: Final = 1e-6
 """The sample is left when a step moves nothing by more than this: all points say the rest."""
-COARSE_OBSERVABILITY: Final = 1e-5
-"""Facets break symmetries a little: on them, weaker motions than this are left alone."""
 LARGEST_RMS: Final = 0.01
 """A fit whose RMS is above this share of the size has found nothing."""
 ON_SURFACE: Final = 0.5
 """Share of the points that must end on the nominal."""
-WAY_POINTS: Final = 5000
-"""Points that are enough to find the way."""
 ROUGHNESS_FACTOR: Final = 0.2
 """Mean square of the slopes of noise in squares of its PV over the spacing, with a margin of three."""
-FREE_ROUNDS: Final = 20
-TRIMS: Final = 6
-"""Rounds in which stray points are left out while the way is found."""
-TWO_PATH_POINTS: Final = 200_000
-"""Points that are measured by both paths."""
-MAD_SIGMA: Final = 1.4826
-"""Sigma of a normal distribution in median absolute deviations."""
-SUSPECT: Final = 6.0
-"""Points beyond this many robust sigma are reported."""
 
 Progress = Callable[[str, float], None]
 
@@ -104,6 +104,8 @@ def align(
     """
     if config.distance not in DISTANCES:
         raise UsageError(f"distance {config.distance!r}", expected="smooth or facet")
+    if config.outliers not in OUTLIERS:
+        raise UsageError(f"outliers {config.outliers!r}", expected="reject or keep")
     check_measured(measured, nominal)
     contact = measured.kind is PointKind.CONTACT
     radius = 0.0 if contact else nominal.tip_radius_mm
@@ -119,19 +121,19 @@ def align(
     tell("finding the way", 0.0)
     evaluate_only = config.max_iterations == 0
     few = centred[:: max(1, -(-len(centred) // config.coarse_points))]
-    way_start, way = _find_the_way(few, centroid, nominal, radius, settings, start)
+    way_start, way = find_the_way(few, centroid, nominal, radius, settings, start)
     tell("refining", 0.2)
     sampled = len(few) < len(centred)
-    near = fit(
-        measure, few, way.placement, replace(settings, tolerance=SAMPLE_TOLERANCE) if sampled else settings
-    )
-    begun = near.placement
+    begun = replace(settings, tolerance=SAMPLE_TOLERANCE) if sampled else settings
+    near, select = _refine(measure, few, way, begun, config)
+    placement = near.placement
     if near.spectral.free.any():
-        begun = _held_at_the_start(measure, few, way_start, near, settings)
+        placement = held_at_the_start(measure, few, way_start, near, settings)
     result = near
-    if sampled or begun is not near.placement:
+    if sampled or placement is not near.placement:
         tell("all points", 0.4)
-        result = fit(measure, centred, begun, settings, curvature=near.curvature if sampled else None)
+        bend = near.curvature if sampled else None
+        result = fit(measure, centred, placement, settings, select=select, curvature=bend)
     fits = (way, near) if result is near else (way, near, result)
     done = sum(f.iterations for f in fits)
     costs = sum((f.costs_mm2 for f in fits), ())
@@ -148,25 +150,25 @@ def align(
     part_from_machine = part_from_surface @ surface_from_machine
     feet, inside = result.evaluation.feet, result.evaluation.inside
     deviation = np.where(inside, feet.distance_mm, np.nan)
-    two_path = _two_path_difference_mm(centred, result.placement, feet, inside, nominal, radius, config)
+    used = result.evaluation.used & inside
+    two_path = two_path_difference_mm(centred, result.placement, feet, inside, nominal, radius, config)
     normals = part_from_surface.rotate(feet.normal)
     tips_part = part_from_machine.apply(measured.points_mm)
     contacts = tips_part - radius * normals
-    covariance = _covariance(result, length, part_from_surface.rotation)
+    covariance = covariance_of(result, length, part_from_surface.rotation)
+    spectral = turned(result.spectral, part_from_surface)
     report = FitReport(
         iterations=done,
         stop_reason="evaluated only" if evaluate_only else result.stop_reason,
         converged=result.converged,
-        unobservable=free_motions_in_words(
-            _turned(result.spectral, part_from_surface), part_from_machine.apply(centroid[None])[0], length
-        ),
-        pose_sigma=_pose_sigma(covariance, _turned(result.spectral, part_from_surface)),
+        unobservable=free_motions_in_words(spectral, part_from_machine.apply(centroid[None])[0], length),
+        pose_sigma=pose_sigma(covariance, spectral),
         two_path_difference_nm=two_path * NM_PER_MM,
         cost_history_mm2=costs,
         distance=config.distance,
         n_outside=int(np.count_nonzero(~inside)),
-        n_outliers=0,
-        warnings=_warnings(measured, nominal, deviation[inside], measured.ids[inside]),
+        n_outliers=int(np.count_nonzero(inside & ~used)),
+        warnings=warnings_of(measured, nominal, inside, inside & ~used),
     )
     return Alignment(
         nominal=nominal,
@@ -177,7 +179,7 @@ def align(
         contact_part_mm=frozen_array(contacts),
         normals=frozen_array(normals),
         deviation_mm=frozen_array(deviation),
-        used=frozen_array(result.evaluation.used & inside, np.bool_),
+        used=frozen_array(used, np.bool_),
         ids=measured.ids,
         report=report,
     )
@@ -213,63 +215,43 @@ def _measure(nominal: Nominal, radius: float, config: AlignConfig) -> Measure:
     return facet_measure(triangle_net(nominal.surface_from_part.apply(points), net.triangles), nominal.side)
 
 
-def _find_the_way(
-    few: Array,
-    centroid: Array,
-    nominal: Nominal,
-    radius: float,
-    settings: FitSettings,
-    start: Pose | None,
-) -> tuple[Placement, FitResult]:
-    """Bring the cloud near the nominal on a light net of facets; every point counts, wherever it lies."""
-    few = few[:: -(-len(few) // WAY_POINTS)]
-    net = light_net(nominal.surface, nominal.side, radius)
-    measure = facet_measure(net, nominal.side)
-    surface_from_part = nominal.surface_from_part
-    pose = surface_from_part @ (start or Pose.identity("part", "machine"))
-    placement = Placement(pose.rotation, pose.apply(centroid[None])[0])
-    everywhere = np.ones(len(few), dtype=bool)
-    if start is None:
-        there = evaluate(measure, few, placement, settings.length_mm, used=everywhere)
-        near = float(np.mean(there.inside)) >= ON_SURFACE / 2.0
-        if not near and settings.max_iterations > 0:  # not near each other: move the cloud onto the nominal
-            placement = Placement(pose.rotation, net.points_mm.mean(axis=0))
-    coarse = replace(
-        settings,
-        tolerance=COARSE_TOLERANCE,
-        min_observability=max(COARSE_OBSERVABILITY, settings.min_observability),
-    )
-    way = fit(measure, few, placement, coarse, used=everywhere)
-    for _ in range(TRIMS):  # touches of the fixture must not lead astray; who is kept, all points say later
-        kept = _near_the_rest(way.evaluation.feet.distance_mm, COARSE_TOLERANCE * settings.size_mm)
-        if np.array_equal(kept, way.evaluation.used):
+def _refine(
+    measure: Measure, few: Array, way: FitResult, settings: FitSettings, config: AlignConfig
+) -> tuple[FitResult, Select]:
+    """Fit the sample and judge it in turn, until the same points are left out twice; freeze that rule."""
+    result = fit(measure, few, way.placement, settings)
+    few_on = int(np.count_nonzero(result.evaluation.inside)) < MIN_POINTS
+    if config.outliers == "keep" or config.max_iterations == 0 or few_on:
+        return result, on_the_surface
+    rule = _rule(result.evaluation, settings)
+    for _ in range(ROBUST_ROUNDS):
+        chosen = _select(rule)(result.evaluation)
+        if np.array_equal(chosen, result.evaluation.used):
             break
-        again = fit(measure, few, way.placement, coarse, used=kept)
-        way = again._replace(
-            iterations=way.iterations + again.iterations, costs_mm2=way.costs_mm2 + again.costs_mm2
+        again = fit(measure, few, result.placement, settings, used=chosen, previous=result.evaluation.feet)
+        result = again._replace(
+            iterations=result.iterations + again.iterations, costs_mm2=result.costs_mm2 + again.costs_mm2
         )
-    return placement, way
+        if result.evaluation.inside.any():
+            rule = _rule(result.evaluation, settings)
+    return result, _select(rule)
 
 
-def _held_at_the_start(
-    measure: Measure, few: Array, start: Placement, near: FitResult, settings: FitSettings
-) -> Placement:
-    """Move back along the free motions to where the part lay before the fit."""
-    placement, spectral = near.placement, near.spectral
-    for _ in range(FREE_ROUNDS):
-        placement, movement = without_free_drift(start, placement, spectral, settings.length_mm)
-        if movement <= settings.tolerance * settings.size_mm:
-            break
-        there = evaluate(measure, few, placement, settings.length_mm)
-        spectral = spectrum(there.normal_matrix, settings.min_observability)
-    return placement
+def _rule(now: Evaluation, settings: FitSettings) -> OutlierRule:
+    """Make the outlier rule from the points that count as yet: what is out does not hide what is left."""
+    on = now.used & now.inside
+    x, y, e = (a[on] for a in now.feet[:3])
+    return outlier_rule(x, y, e, ROUNDING * settings.size_mm)
 
 
-def _near_the_rest(distance_mm: Array, least_mm: float) -> Mask:
-    """Return which distances lie within three robust sigma, or within `least_mm`, of their median."""
-    off = np.abs(distance_mm - np.median(distance_mm))
-    kept: Mask = off <= max(3.0 * MAD_SIGMA * float(np.median(off)), least_mm)
-    return kept
+def _select(rule: OutlierRule) -> Select:
+    """Choose the points that lie on the surface and are no outliers."""
+
+    def select(now: Evaluation) -> Mask:
+        wrong = outliers(rule, now.feet.x_mm, now.feet.y_mm, now.feet.distance_mm)
+        return now.inside & ~wrong
+
+    return select
 
 
 def _check_fit(result: FitResult, size: float, evaluate_only: bool) -> None:
@@ -291,99 +273,3 @@ def _check_fit(result: FitResult, size: float, evaluate_only: bool) -> None:
             f"not converged after {result.iterations} iterations ({result.stop_reason}, RMS {rms:.3g} mm)",
             remedy="give a start pose with --initial",
         )
-
-
-def _two_path_difference_mm(
-    centred: Array,
-    placement: Placement,
-    feet: Feet,
-    inside: Mask,
-    nominal: Nominal,
-    radius: float,
-    config: AlignConfig,
-) -> float:
-    """Measure deviations again on the smooth equidistant surface; return the largest difference.
-
-    For facets the other path is the foot point on the nominal, minus the tip radius. Of more than
-    `TWO_PATH_POINTS` points an even sample is taken.
-    """
-    pick = slice(None, None, -(-len(centred) // TWO_PATH_POINTS))
-    centred, inside, feet = centred[pick], inside[pick], Feet(*(a[pick] for a in feet))
-    facet = config.distance == "facet"
-    other: Surface | None = nominal.surface if facet else nominal.equidistant_surface
-    if other is None:
-        return float("nan")
-    taken_off = radius if facet else 0.0
-    limits = limits_of(other)
-
-    def work(part: slice) -> float:
-        points = moved(centred[part], placement)
-        if radius == 0.0:  # contact points: put the ball back, to land on the equidistant surface
-            points = points + nominal.tip_radius_mm * feet.normal[part]
-        start = points - (feet.distance_mm[part] + taken_off)[:, None] * feet.normal[part]
-        second = foot_points(other.jet, nominal.side, points, start[:, 0], start[:, 1], limits)
-        known = inside[part] & other.contains(second.x_mm, second.y_mm)
-        difference = np.abs(second.distance_mm - taken_off - feet.distance_mm[part])[known]
-        return float(difference.max(initial=0.0))
-
-    return max(in_threads(work, len(centred)))
-
-
-def _covariance(result: FitResult, length: float, part_from_surface: Array) -> Array:
-    """Return the covariance of a small motion about the centroid, frame `part`, shape (6, 6).
-
-    ``s^2 (J^T J)^-1`` on the observable motions, for errors that are independent from point to point.
-    """
-    keep = ~result.spectral.free
-    motions = result.spectral.motions[:, keep]
-    n = max(int(np.count_nonzero(result.evaluation.used)), 1)
-    freedom = max(n - int(np.count_nonzero(keep)), 1)
-    variance = result.evaluation.cost_mm2 * n / freedom
-    scaled = (motions / result.spectral.values[keep]) @ motions.T * (variance / n)
-    unscale = np.diag([1.0 / length] * 3 + [1.0] * 3)
-    turn = np.kron(np.eye(2), part_from_surface)
-    covariance: Array = turn @ unscale @ scaled @ unscale @ turn.T
-    return covariance
-
-
-def _pose_sigma(covariance: Array, spectral: Spectrum) -> dict[str, float]:
-    """Return the standard uncertainty of each motion about the centroid; infinite where one is free."""
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sigma = np.where(uncertain_axes(spectral), np.inf, sigma)
-    names = ("rx_urad", "ry_urad", "rz_urad", "tx_um", "ty_um", "tz_um")
-    units = (URAD_PER_RAD,) * 3 + (UM_PER_MM,) * 3
-    return {name: float(s * u) for name, s, u in zip(names, sigma, units, strict=True)}
-
-
-def _turned(spectral: Spectrum, part_from_surface: Pose) -> Spectrum:
-    """Return the motions in frame `part`."""
-    return spectral._replace(motions=np.kron(np.eye(2), part_from_surface.rotation) @ spectral.motions)
-
-
-def _warnings(
-    measured: PointSet, nominal: Nominal, deviation_mm: Array, ids: np.typing.NDArray[np.int64]
-) -> tuple[str, ...]:
-    """Return what the operator should know, a sentence each."""
-    found = []
-    if measured.kind is PointKind.UNSTATED:
-        found.append("the file does not say what its points are: taken for tip centres")
-    outside = len(measured) - len(deviation_mm)
-    if outside:
-        found.append(f"{outside} of {len(measured)} points lie outside the nominal and were left out")
-    quality = nominal.quality
-    if quality is not None and not quality.regular:
-        found.append(
-            f"the ball (radius {nominal.tip_radius_mm:g} mm) does not fit everywhere: "
-            f"smallest concave radius {quality.min_concave_radius_mm:.4g} mm"
-        )
-    middle = float(np.median(deviation_mm))
-    sigma = MAD_SIGMA * float(np.median(np.abs(deviation_mm - middle)))
-    suspect = np.abs(deviation_mm - middle) > SUSPECT * sigma
-    count = int(np.count_nonzero(suspect))
-    rounding = 1e-9 * nominal.surface.bounds.diagonal_mm
-    if sigma > rounding and count:
-        named = ", ".join(str(i) for i in ids[suspect][:5]) + (" ..." if count > 5 else "")
-        found.append(
-            f"{count} points deviate by more than {SUSPECT:g} robust sigma (kept in the fit): {named}"
-        )
-    return tuple(found)

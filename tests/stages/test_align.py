@@ -370,9 +370,55 @@ def test_jitter_of_a_grid_is_no_error_of_its_surface(window):
     x, y = (a.ravel() for a in np.meshgrid(np.arange(-40.0, 40.5), np.arange(-25.0, 25.5)))
     x, y = x + rng.uniform(-0.01, 0.01, x.size), y + rng.uniform(-0.01, 0.01, y.size)
 
-    nominal = offset(PointSet.of(np.stack([x, y, window.jet(x, y).z], axis=1), kind=PointKind.NOMINAL), RADIUS)
+    nominal = offset(
+        PointSet.of(np.stack([x, y, window.jet(x, y).z], axis=1), kind=PointKind.NOMINAL), RADIUS
+    )
 
     u, v = places(3000, half=(39.0, 24.0))
     assert nominal.kind == "grid"
     assert 1e6 * np.ptp(nominal.surface.jet(u, v).z - window.jet(u, v).z) < 5.0
     assert nominal.quality.surface_error_pv_nm < 20.0
+
+
+def scattered_errors(n, share, low, high, seed=11):
+    rng = np.random.default_rng(seed)
+    wrong = rng.permutation(n) < share * n
+    return wrong, np.where(wrong, rng.uniform(low, high, n), 0.0)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
+def test_gross_errors_do_not_steer_the_fit_and_are_listed(window, nominal, share):
+    x, y = places(6000)
+    noise = np.random.default_rng(12).normal(0.0, 3e-4, x.size)
+    form = 0.01 * np.sin(x / 17.0) * np.cos(y / 11.0)
+    wrong, error = scattered_errors(x.size, share, 0.1, 5.0)
+    clean = align(measured(tips(window, x, y, form + noise)), nominal)
+
+    found = align(measured(tips(window, x, y, form + noise + error)), nominal)
+
+    moved = found.part_from_machine.apply(found.tip_centre_machine_mm[~wrong])
+    apart = np.abs(np.sum((moved - clean.tip_centre_part_mm[~wrong]) * clean.normals[~wrong], axis=1))
+    assert apart.max() < 5e-4  # the fit has lost up to 30 % of its points: a shift of form over sqrt(N)
+    assert not found.used[wrong].any()
+    assert found.report.n_outliers == wrong.sum() - np.count_nonzero(np.isnan(found.deviation_mm[wrong]))
+    assert any("outliers were left out" in w for w in found.report.warnings)
+
+
+def test_a_bump_is_form_not_an_outlier(window, nominal):
+    x, y = places(6000)
+    bump = 0.05 * np.exp(-((x - 10.0) ** 2 + y**2) / 40.0) + np.random.default_rng(1).normal(0, 3e-4, x.size)
+
+    found = align(measured(tips(window, x, y, bump)), nominal)
+
+    assert found.report.n_outliers == 0
+    assert found.used.all()
+
+
+def test_outliers_can_be_kept(window, nominal):
+    x, y = places(2000)
+    _, error = scattered_errors(x.size, 0.01, 0.5, 1.0)
+
+    found = align(measured(tips(window, x, y, error)), nominal, AlignConfig(outliers="keep"))
+
+    assert found.report.n_outliers == 0
+    assert found.used.sum() + found.report.n_outside == 2000
