@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +12,9 @@ from cmm_align.cli import options
 from cmm_align.cli.job import Job, Outcome, beside
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.config import OffsetConfig
+
+if TYPE_CHECKING:
+    from cmm_align.stages.plan import MeasuringPlan
 
 TEXT = """Equidistant surface of NOMINAL, one tip radius out on the probe's side.
 
@@ -29,9 +33,26 @@ part: keep the file, it serves every measurement made with this tip.
 @click.option(
     "--degree", type=click.Choice(["3", "5"]), help="Degree of the spline.  [default: by its error]"
 )
+@click.option("--plot", is_flag=True, help="Draw slope, curvatures, features and reach: <output>.png.")
+@click.option("--plan", "with_plan", is_flag=True, help="Write a measuring plan: <output>.plan.csv, x to k.")
+@click.option(
+    "--spacing",
+    type=Length(),
+    metavar="L",
+    help="Base spacing of the plan.  [default: by facet error and count]",
+)
 @output_option("<nominal>.h5")
 def command(
-    job: Job, *, nominal: Path, tip_radius: float, side: str | None, degree: str | None, output: Path | None
+    job: Job,
+    *,
+    nominal: Path,
+    tip_radius: float,
+    side: str | None,
+    degree: str | None,
+    plot: bool,
+    with_plan: bool,
+    spacing: float | None,
+    output: Path | None,
 ) -> int:
     """Parse, call, show."""
     from cmm_align.cli.show import finish
@@ -41,11 +62,20 @@ def command(
         config = replace(config, side=side)
     if degree is not None:
         config = replace(config, degree=int(degree))
-    return finish(job, make_nominal(job, nominal, tip_radius, config, output))
+    if spacing is not None:
+        config = replace(config, plan_spacing_mm=spacing)
+    return finish(job, make_nominal(job, nominal, tip_radius, config, output, plot=plot, with_plan=with_plan))
 
 
 def make_nominal(
-    job: Job, source: Path, tip_radius_mm: float, config: OffsetConfig, output: Path | None = None
+    job: Job,
+    source: Path,
+    tip_radius_mm: float,
+    config: OffsetConfig,
+    output: Path | None = None,
+    *,
+    plot: bool = False,
+    with_plan: bool = False,
 ) -> Outcome:
     """Read a nominal, offset it and write the result.
 
@@ -59,6 +89,10 @@ def make_nominal(
     config : OffsetConfig
     output : Path, optional
         Beside the source unless given.
+    plot : bool
+        Whether to draw maps of the nominal, and the plan if there is one.
+    with_plan : bool
+        Whether to write a measuring plan.
 
     Raises
     ------
@@ -68,13 +102,21 @@ def make_nominal(
     from cmm_align import files, io
     from cmm_align.cli import cautions, record, results
     from cmm_align.errors import WrongStageError
+    from cmm_align.io.atomic import atomic_path
     from cmm_align.model import Nominal
     from cmm_align.report import summary
     from cmm_align.stages.offset import offset
+    from cmm_align.stages.plan import plan
 
     if output is None:
         output = beside(source, ".offset.h5" if source.suffix == ".h5" else ".h5")
-    record.check_outputs(job, [output], [source])
+    stem = output.with_suffix("")
+    drawing, plan_text, plan_drawing = (
+        stem.with_name(stem.name + s) for s in (".png", ".plan.csv", ".plan.png")
+    )
+    wanted = [(plot, drawing), (with_plan, plan_text), (plot and with_plan, plan_drawing)]
+    outputs = [output, *(path for asked, path in wanted if asked)]
+    record.check_outputs(job, outputs, [source])
     raw = files.read_nominal_any(source, job.units, False)
     if isinstance(raw, Nominal):
         raise WrongStageError(
@@ -84,14 +126,48 @@ def make_nominal(
         )
     nominal = offset(raw, tip_radius_mm, config)
     steps = record.steps(job, [source], tip_radius_mm=tip_radius_mm, offset=config)
+    measuring = plan(nominal, config) if with_plan else None
     io.write(nominal, output, steps, overwrite=job.overwrite)
+    title = beside(source, "").name
+    if plot:
+        from cmm_align.report.nominal_picture import draw_nominal
+
+        with atomic_path(drawing, job.overwrite) as path:
+            draw_nominal(nominal, path, title, config.feature_curvature_per_mm, source.name)
+    result, rows = results.of_nominal(nominal), summary.of_nominal(nominal)
+    if measuring is not None:
+        _write_plan(job, measuring, plan_text)
+        result["plan"] = results.of_plan(measuring, plan_text)
+        rows += results.rows_of_plan(measuring)
+        if plot:
+            from cmm_align.report.plan_picture import draw_plan
+
+            with atomic_path(plan_drawing, job.overwrite) as path:
+                numbers = results.head_of_plan(measuring)
+                headline = f"{title}: measuring plan"
+                draw_plan(nominal, measuring.places_mm, measuring.dense, numbers, path, headline, source.name)
     return Outcome(
         command=job.command,
         noun=nominal,
         inputs=steps[-1].inputs,
-        outputs=[output],
-        result=results.of_nominal(nominal),
-        rows=summary.of_nominal(nominal),
+        outputs=outputs,
+        result=result,
+        rows=rows,
         warnings=cautions.of_nominal(nominal),
         next_command=f"cmm-align align MEASURED {output}",
     )
+
+
+def _write_plan(job: Job, measuring: MeasuringPlan, path: Path) -> None:
+    """Write the plan as text of ours, with a word to the operator."""
+    from cmm_align import files
+    from cmm_align.model import PointKind, PointSet
+
+    points = PointSet.of(measuring.points_mm, kind=PointKind.NOMINAL, frame="part", source=str(path))
+    notes = (
+        "measuring plan: contact points on the nominal, in the order of travel; i,j,k = outward normal",
+        "use: align the part roughly, touch each point along -(i,j,k), export the tip centres (x,y,z)",
+        f"{len(measuring)} points, base spacing {measuring.spacing_mm:.4g} mm in the projection, "
+        f"{measuring.dense_spacing_mm:.4g} mm in feature regions",
+    )
+    files.write_points(path, points, normals=measuring.normals, notes=notes, overwrite=job.overwrite)

@@ -28,6 +28,8 @@ def write_body(file: h5py.File, noun: DeviationMap) -> None:
     statistics.attrs["u_rms_mm"] = float(noun.u_rms_mm)
     statistics.attrs["ladder"] = json.dumps([asdict(rung) for rung in noun.ladder])
     statistics.attrs["verdict"] = noun.verdict.value
+    statistics.attrs["verdict_lines"] = json.dumps(noun.verdict_lines)
+    statistics.attrs["coverage"] = float(noun.coverage)
 
 
 def read_body(file: h5py.File) -> DeviationMap:
@@ -64,4 +66,10 @@ def read_body(file: h5py.File) -> DeviationMap:
         ladder=typed(ladder, tuple[LadderRung, ...], where),
         verdict=Verdict(verdict),
         spacing_mm=attribute(file, "/grid", "spacing_mm", float),
+        coverage=attribute(file, "/statistics", "coverage", float),
+        verdict_lines=typed(
+            json_attribute(file, "/statistics", "verdict_lines"),
+            tuple[str, ...],
+            where_of(file, "/statistics/@verdict_lines"),
+        ),
     )

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from cmm_align.errors import MalformedInputError
 from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.safe_hdf5 import find, read_array, where_of
 from cmm_align.io.surface_group import read_nominal_group, read_surface, write_nominal_group, write_surface
 from cmm_align.io.writing import write_array
 from cmm_align.model import Equidistant, Nominal
+
+_OPTIONAL: Final = {"least_curvature_per_mm": "f", "most_curvature_per_mm": "f", "feature": "b"}
+"""Datasets of `/nominal` that files of older versions lack, and their types."""
 
 
 def write_body(file: h5py.File, nominal: Nominal) -> None:
@@ -22,11 +27,17 @@ def write_body(file: h5py.File, nominal: Nominal) -> None:
     write_array(group, "points_mm", net.points_mm)
     write_array(group, "triangles", net.triangles)
     write_array(group, "regular", net.regular)
+    if net.reach is not None:
+        write_array(group, "reach", net.reach)
     group = file.create_group("nominal")
     write_array(group, "points_mm", net.nominal_points_mm)
     write_array(group, "normals", net.normals)
     write_array(group, "slope", net.slope)
     write_array(group, "gaussian_curvature_per_mm2", net.gaussian_curvature_per_mm2)
+    for name in _OPTIONAL:
+        values = getattr(net, name)
+        if values is not None:
+            write_array(group, name, values)
 
 
 def read_body(file: h5py.File, with_equidistant: bool) -> Nominal:
@@ -64,6 +75,15 @@ def _read_net(file: h5py.File) -> Equidistant:
         )
     indices = triangles.astype("int32")
     indices.flags.writeable = False
+    has_reach = find(file, "/equidistant/reach") is not None
+    reach = read_array(file, "/equidistant/reach", (n,), "i").astype("uint8") if has_reach else None
+    if reach is not None:
+        reach.flags.writeable = False
+    later = {
+        name: read_array(file, f"/nominal/{name}", (n,), kind)
+        for name, kind in _OPTIONAL.items()
+        if find(file, f"/nominal/{name}") is not None
+    }
     return Equidistant(
         nominal_points_mm=read_array(file, "/nominal/points_mm", (n, 3)),
         normals=read_array(file, "/nominal/normals", (n, 3)),
@@ -72,4 +92,6 @@ def _read_net(file: h5py.File) -> Equidistant:
         points_mm=points,
         triangles=indices,
         regular=read_array(file, "/equidistant/regular", (n,), "b"),
+        reach=reach,
+        **later,
     )

@@ -155,7 +155,7 @@ def align(
     normals = part_from_surface.rotate(feet.normal)
     tips_part = part_from_machine.apply(measured.points_mm)
     contacts = tips_part - radius * normals
-    covariance = covariance_of(result, length, part_from_surface.rotation)
+    covariance, correlated = covariance_of(result, centred, length, part_from_surface.rotation)
     spectral = turned(result.spectral, part_from_surface)
     report = FitReport(
         iterations=done,
@@ -169,6 +169,7 @@ def align(
         n_outside=int(np.count_nonzero(~inside)),
         n_outliers=int(np.count_nonzero(inside & ~used)),
         warnings=warnings_of(measured, nominal, inside, inside & ~used),
+        correlated=correlated,
     )
     return Alignment(
         nominal=nominal,

@@ -141,6 +141,8 @@ def _map() -> DeviationMap:
         ladder=(LadderRung("nothing", 1.0, 0.5), LadderRung("piston", 0.9, 0.4)),
         verdict=Verdict.UNDECIDED,
         spacing_mm=0.05,
+        coverage=0.75,
+        verdict_lines=("PV 4.95 um <= 10 um: pass",),
     )
 
 

@@ -8,20 +8,33 @@ import platform
 import signal
 import subprocess
 import sys
+from functools import cache
+from io import BytesIO
 from pathlib import Path
 
+import h5py
 import pytest
 
 from cmm_align import io
 from cmm_align.errors import OutputError, OutputExistsError, OutputLockedError
 from cmm_align.io.atomic import atomic_path, check_writable
 from cmm_align.io.lock import lock_path
+from cmm_align.provenance import this_step
 
 DEAD_PID = 2**22 + 1  # above the largest a Linux kernel gives out
 
 
 def only(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.iterdir())
+
+
+@cache
+def ours():
+    """Bytes of an older file of ours, whatever is in it."""
+    buffer = BytesIO()
+    with h5py.File(buffer, "w") as file:
+        file.attrs["schema"] = "cmm-align/alignment"
+    return buffer.getvalue()
 
 
 def write(path, text, overwrite=False):
@@ -31,10 +44,10 @@ def write(path, text, overwrite=False):
 
 def test_an_existing_output_is_refused_and_stays(alignment, tmp_path):
     out = tmp_path / "a.h5"
-    out.write_text("old")
+    out.write_bytes(ours())
     with pytest.raises(OutputExistsError, match="--overwrite"):
         io.write(alignment, out)
-    assert out.read_text() == "old"
+    assert out.read_bytes() == ours()
     io.write(alignment, out, overwrite=True)
     assert only(tmp_path) == ["a.h5"]
     io.read_alignment(out)
@@ -59,9 +72,57 @@ def test_an_input_is_never_the_output(tmp_path):
         check_writable(tmp_path / "a", True, inputs=[tmp_path / "b"])
 
 
+PNG = b"\x89PNG\r\n\x1a\n" + b"rest"
+POINTS = b"# cmm-align points v1; units=mm\n1,2,3\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "good"),
+    [
+        ("a.h5", b"a thesis", False),
+        ("a.hdf5", PNG, False),
+        ("a.h5", b"", True),
+        ("a.png", PNG, True),
+        ("a.png", b"a thesis", False),
+        ("a.csv", POINTS, True),
+        ("a.xyz", b"1 2 3\n", False),
+        ("a.toml", b"units = 'mm'", True),
+        ("a.dat", b"PK\0\0", False),
+    ],
+)
+def test_only_a_file_of_the_same_kind_is_overwritten(name, content, good, tmp_path):
+    out = tmp_path / name
+    out.write_bytes(content)
+    if good:
+        check_writable(out, overwrite=True)
+        return
+    with pytest.raises(OutputExistsError, match="another name"):
+        check_writable(out, overwrite=True)
+    assert out.read_bytes() == content
+
+
+def test_an_hdf5_file_of_somebody_else_is_not_overwritten(alignment, tmp_path):
+    out = tmp_path / "a.h5"
+    with h5py.File(out, "w") as file:
+        file["precious"] = [1.0, 2.0]
+    with pytest.raises(OutputExistsError, match="not a file of cmm-align"):
+        io.write(alignment, out, overwrite=True)
+    with h5py.File(out) as file:
+        assert "precious" in file
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode elsewhere")
+def test_a_name_that_is_no_unicode_is_kept_in_the_provenance(alignment, tmp_path):
+    source = Path(os.fsdecode(os.fsencode(tmp_path) + b"/p\xff.csv"))
+    source.write_text("x")
+    io.write(alignment, tmp_path / "a.h5", [this_step("align", {"from": str(source)}, [source])])
+    (step,) = io.read_steps(tmp_path / "a.h5")
+    assert step.inputs[0].path == str(source)
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, MemoryError, SystemExit])
 def test_any_error_leaves_the_old_file_and_nothing_else(error, alignment, monkeypatch, tmp_path):
-    (tmp_path / "a.h5").write_text("old")
+    (tmp_path / "a.h5").write_bytes(ours())
 
     def fail(*_):
         raise error
@@ -70,7 +131,7 @@ def test_any_error_leaves_the_old_file_and_nothing_else(error, alignment, monkey
     with pytest.raises(error):
         io.write(alignment, tmp_path / "a.h5", overwrite=True)
     assert only(tmp_path) == ["a.h5"]
-    assert (tmp_path / "a.h5").read_text() == "old"
+    assert (tmp_path / "a.h5").read_bytes() == ours()
 
 
 def test_what_cannot_be_read_back_is_not_kept(alignment, monkeypatch, tmp_path):
@@ -192,11 +253,11 @@ except OutputError as error:
 @pytest.mark.parametrize("limit", [100, 5_000, 700_000])
 def test_a_full_disk_leaves_the_old_file(limit, tmp_path):
     out = tmp_path / "a.h5"
-    out.write_text("old")
+    out.write_bytes(ours())
     here = str(Path(__file__).parent)
     run = subprocess.run(
         [sys.executable, "-c", DISK_FULL, str(out), here, str(limit)], capture_output=True, check=False
     )
     assert run.returncode == 8, run.stderr.decode()
-    assert out.read_text() == "old"
+    assert out.read_bytes() == ours()
     assert only(tmp_path) == ["a.h5"]

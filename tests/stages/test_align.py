@@ -422,3 +422,43 @@ def test_outliers_can_be_kept(window, nominal):
 
     assert found.report.n_outliers == 0
     assert found.used.sum() + found.report.n_outside == 2000
+
+
+def pose_chi_square(window, nominal, deviation_of, seeds):
+    """Squared normalised pose errors about the centroid; six degrees of freedom each."""
+    x, y = places(400)
+    truth = Pose.identity("machine", "part")
+    values, raised = [], []
+    for seed in seeds:
+        points = tips(window, x, y, deviation_of(seed, x, y))
+        found = align(measured(points, truth), nominal)
+        centre = points.mean(axis=0)
+        error = found.part_from_machine
+        motion = np.r_[error.rotation_vector_rad(), error.apply(centre[None])[0] - centre]
+        values.append(motion @ np.linalg.solve(found.covariance, motion))
+        raised.append(found.report.correlated)
+    return np.array(values), np.array(raised)
+
+
+@pytest.mark.slow
+def test_the_covariance_is_honest_for_white_noise(window, nominal):
+    seeds = range(500)
+    values, raised = pose_chi_square(
+        window, nominal, lambda s, x, _y: np.random.default_rng(s).normal(0.0, 1e-3, x.size), seeds
+    )
+
+    # Mean of chi-square with 6 degrees of freedom over 500 seeds: 6 +- sqrt(12 / 500) = 0.155; 4 sigma.
+    assert values.mean() == pytest.approx(6.0, abs=0.62)
+    assert raised.mean() < 0.02
+
+
+def test_correlated_errors_raise_the_covariance(window, nominal):
+    def waves(seed, x, y):
+        rng = np.random.default_rng(seed)
+        k, phase = rng.normal(0.0, 1 / 12.0, (8, 2)), rng.uniform(0, 2 * np.pi, 8)
+        return 1e-3 * sum(np.sin(a * x + b * y + p) for (a, b), p in zip(k, phase, strict=True))
+
+    values, raised = pose_chi_square(window, nominal, waves, range(12))
+
+    assert raised.mean() > 0.9
+    assert np.median(values) < 100.0  # 42; without the blocks it is 367
