@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from cmm_align.errors import MissingFileError, UsageError
 from cmm_align.toml_table import check_keys
@@ -105,6 +105,35 @@ class Config:
     compensate: CompensateConfig = CompensateConfig()
 
 
+LIMITS: Final[dict[str, tuple[float, float]]] = {
+    "degree": (0, 5),
+    "nodes": (400, 5_000_000),
+    "grid_tolerance": (0.0, 0.2),
+    "feature_curvature_per_mm": (1e-9, 1e6),
+    "edge_proud_um": (0.0, 1e6),
+    "plan_spacing_mm": (0.0, 1e6),
+    "plan_facet_error_um": (1e-6, 1e6),
+    "plan_points": (36, 10_000_000),
+    "plan_speed_mm_s": (1e-3, 1e5),
+    "plan_point_s": (0.0, 1e4),
+    "max_iterations": (0, 100_000),
+    "coarse_points": (100, 100_000_000),
+    "max_rotation_step_deg": (0.1, 180.0),
+    "step_tolerance": (1e-15, 1e-6),
+    "min_observability": (1e-15, 1e-2),
+    "spacing_mm": (0.0, 1e6),
+    "window": (0.5, 20.0),
+    "max_nodes": (8, 4096),
+    "tolerance_pv_um": (0.0, 1e9),
+    "tolerance_rms_um": (0.0, 1e9),
+    "guard_factor": (0.0, 10.0),
+    "gain": (0.0, 1.2),
+    "max_correction_um": (1e-6, 1e9),
+    "text_decimals": (5, 12),
+}
+"""Least and largest value of each number; outside them a setting is a mistake."""
+
+
 def read_config(paths: Sequence[Path | str]) -> Config:
     """Return the defaults overlaid by TOML files, later ones winning.
 
@@ -151,4 +180,7 @@ def overlaid(settings: T, table: Mapping[str, Any], *, where: str) -> T:
             raise UsageError(f"{key} = {value!r}", where=where, expected=f"a value like {default!r}")
         else:
             changes[name] = value
+        low, high = LIMITS.get(name, (-float("inf"), float("inf")))
+        if isinstance(value, int | float) and not low <= value <= high:
+            raise UsageError(f"{key} = {value!r}", where=where, expected=f"{low:g} to {high:g}")
     return replace(settings, **changes)  # type: ignore[type-var]

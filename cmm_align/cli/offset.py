@@ -18,20 +18,33 @@ if TYPE_CHECKING:
 
 TEXT = """Equidistant surface of NOMINAL, one tip radius out on the probe's side.
 
-NOMINAL holds points (on a grid or scattered), a triangle mesh or a prescription. The result says how
-steep it is, where the ball does not fit, and how well a smooth surface through its points knows the
-part: keep the file, it serves every measurement made with this tip.
+NOMINAL holds points (on a grid or scattered), a triangle mesh, a CAD face, a grid sag file or a
+prescription. The result says how steep it is, where the ball does not fit, and how well a smooth
+surface through its points knows the part: keep the file, it serves every measurement made with this
+tip. With --normals, for parts without a design, it takes the ball off measured tip centres instead.
 """
 
 
 @options.command("offset", TEXT)
 @click.argument("nominal", type=FILE)
-@click.option("--tip-radius", type=Length(), required=True, metavar="R", help="Effective tip radius.")
+@click.option(
+    "--tip-radius",
+    type=Length(),
+    required=True,
+    metavar="R",
+    help="Effective radius of the tip (not its diameter).",
+)
 @click.option(
     "--side", type=click.Choice(["+z", "-z"]), help="Side of the nominal the probe is on.  [default: +z]"
 )
 @click.option(
     "--degree", type=click.Choice(["3", "5"]), help="Degree of the spline.  [default: by its error]"
+)
+@click.option("--face", type=click.IntRange(min=1), metavar="N", help="Face of a CAD file with several.")
+@click.option(
+    "--normals",
+    type=click.Choice(["local-quadratic", "bspline", "mls"]),
+    help="Without a nominal: contact points of measured tip centres, along estimated normals.",
 )
 @click.option("--plot", is_flag=True, help="Draw slope, curvatures, features and reach: <output>.png.")
 @click.option("--plan", "with_plan", is_flag=True, help="Write a measuring plan: <output>.plan.csv, x to k.")
@@ -49,6 +62,8 @@ def command(
     tip_radius: float,
     side: str | None,
     degree: str | None,
+    face: int | None,
+    normals: str | None,
     plot: bool,
     with_plan: bool,
     spacing: float | None,
@@ -64,7 +79,10 @@ def command(
         config = replace(config, degree=int(degree))
     if spacing is not None:
         config = replace(config, plan_spacing_mm=spacing)
-    return finish(job, make_nominal(job, nominal, tip_radius, config, output, plot=plot, with_plan=with_plan))
+    if normals is not None:
+        return finish(job, make_contacts(job, nominal, tip_radius, normals, config.side, output))
+    made = make_nominal(job, nominal, tip_radius, config, output, plot=plot, with_plan=with_plan, face=face)
+    return finish(job, made)
 
 
 def make_nominal(
@@ -76,6 +94,7 @@ def make_nominal(
     *,
     plot: bool = False,
     with_plan: bool = False,
+    face: int | None = None,
 ) -> Outcome:
     """Read a nominal, offset it and write the result.
 
@@ -93,6 +112,8 @@ def make_nominal(
         Whether to draw maps of the nominal, and the plan if there is one.
     with_plan : bool
         Whether to write a measuring plan.
+    face : int, optional
+        Face of a CAD file, from 1.
 
     Raises
     ------
@@ -117,7 +138,7 @@ def make_nominal(
     wanted = [(plot, drawing), (with_plan, plan_text), (plot and with_plan, plan_drawing)]
     outputs = [output, *(path for asked, path in wanted if asked)]
     record.check_outputs(job, outputs, [source])
-    raw = files.read_nominal_any(source, job.units, False)
+    raw = files.read_nominal_any(source, job.units, False, face)
     if isinstance(raw, Nominal):
         raise WrongStageError(
             f"it is offset already, by {raw.tip_radius_mm:g} mm",
@@ -155,6 +176,54 @@ def make_nominal(
         rows=rows,
         warnings=cautions.of_nominal(nominal),
         next_command=f"cmm-align align MEASURED {output}",
+    )
+
+
+def make_contacts(
+    job: Job, source: Path, tip_radius_mm: float, method: str, side: str, output: Path | None = None
+) -> Outcome:
+    """Take the ball off measured tip centres along estimated normals and write the contact points.
+
+    Parameters
+    ----------
+    job : Job
+    source : Path
+        Tip centres.
+    tip_radius_mm : float
+        Effective tip radius, mm.
+    method : str
+        local-quadratic, bspline or mls.
+    side : str
+        +z or -z.
+    output : Path, optional
+        Beside the source unless given.
+    """
+    from cmm_align import files
+    from cmm_align.cli import record
+    from cmm_align.stages.estimated_contacts import estimated_contacts
+
+    output = output or beside(source, ".contacts.csv")
+    record.check_outputs(job, [output], [source], stage_file=False)
+    contacts, normals = estimated_contacts(
+        files.read_measured(source, job.units), tip_radius_mm, method, side
+    )
+    steps = record.steps(job, [source], tip_radius_mm=tip_radius_mm, normals=method, side=side)
+    note = f"contact points along estimated normals ({method}); tip radius {tip_radius_mm:g} mm"
+    files.write_points(output, contacts, normals=normals, notes=(note,), overwrite=job.overwrite)
+    return Outcome(
+        command=job.command,
+        noun=contacts,
+        inputs=steps[-1].inputs,
+        outputs=[output],
+        result={"n_points": len(contacts), "tip_radius_mm": tip_radius_mm, "normals": method, "side": side},
+        rows=[
+            (
+                "contact points",
+                f"{len(contacts)}, along estimated normals ({method}), ball on the {side} side",
+            )
+        ],
+        warnings=["normals are estimated: where there is a design, align to it instead"],
+        next_command="",
     )
 
 
