@@ -55,8 +55,10 @@ def main() -> None:
             passes[name] = deviation_at(x_mm, y_mm)
             mapped = map_of(job, Path(f"{name}.csv"), Path("nominal.h5"), Path(scratch))
             if number == 0:
-                draw_map(mapped.noun, "window_map.png", title="Window, first pass")
-                correction = make_correction(job, mapped.outputs[0], job.config.compensate, picture=False)
+                draw_map(mapped.noun, "window_map.png", title="Window, first pass", source="part.csv")
+                correction = make_correction(
+                    job, mapped.outputs[0], job.config.compensate, first_pass=True, picture=False
+                )
                 deviation_at = second_pass(surface, error.at, commanded_points(correction.noun))
         mirror = map_of(
             job,
@@ -66,7 +68,7 @@ def main() -> None:
             ball=Ball(MIRROR_RADIUS_MM),
             initial="identity",
         )
-        draw_map(mirror.noun, "mirror_map.png", title="Telescope mirror M2")
+        draw_map(mirror.noun, "mirror_map.png", title="Telescope mirror M2", source="points.csv")
 
     np.savez_compressed(
         "truth.npz",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome, beside
-from cmm_align.cli.options import FILE, Length, output_option
+from cmm_align.cli.job import Job, Outcome, beside, typed
+from cmm_align.cli.options import FILE, TIP_RADIUS_HELP, Length, output_option
 from cmm_align.config import AlignConfig
 from cmm_align.errors import UsageError
 
@@ -28,9 +28,9 @@ needed within about 30 mm and 30 degrees.
 
 
 @options.command("align", TEXT)
-@click.argument("measured", type=FILE, nargs=-1, required=True, metavar="MEASURED...")
-@click.argument("nominal", type=FILE)
-@click.option("--tip-radius", type=Length(), metavar="R", help="Effective tip radius, for a raw nominal.")
+@click.argument("measured", type=FILE, nargs=-1, metavar="MEASURED...")
+@click.argument("nominal", type=FILE, required=False, metavar="NOMINAL")
+@click.option("--tip-radius", type=Length(), metavar="R", help=f"{TIP_RADIUS_HELP} For a raw nominal.")
 @click.option("--contact-points", is_flag=True, help="MEASURED is compensated for the tip already.")
 @click.option(
     "--distance",
@@ -48,7 +48,7 @@ def command(
     job: Job,
     *,
     measured: tuple[Path, ...],
-    nominal: Path,
+    nominal: Path | None,
     tip_radius: float | None,
     contact_points: bool,
     distance: str | None,
@@ -59,6 +59,11 @@ def command(
     """Parse, call, show."""
     from cmm_align.cli.show import finish
 
+    if nominal is None or not measured:
+        raise UsageError(
+            "two files are needed: MEASURED NOMINAL" + ("" if nominal is None else f", and {nominal} is one"),
+            remedy="the order is: cmm-align align part.csv nominal.h5",
+        )
     config = job.config.align
     if distance is not None:
         config = replace(config, distance=distance)
@@ -103,20 +108,27 @@ def make_alignment(
         Beside the first measured file unless given.
     """
     from cmm_align import files, io
-    from cmm_align.cli import cautions, record, results
+    from cmm_align.cli import cautions, opening, record, results
     from cmm_align.cli.progress import progress_bar
     from cmm_align.cli.start import start_pose
     from cmm_align.model import Nominal
     from cmm_align.report import summary
     from cmm_align.stages.align import align
+    from cmm_align.stages.plausibility import check_measured
 
+    for path in measured:
+        opening.check_kind(path, opening.POINTS)
+    opening.check_kind(nominal, opening.NOMINAL)
     if output is None:
         output = beside(measured[0], ".align.h5")
     inputs = [*measured, nominal]
-    record.check_outputs(job, [output], inputs)
     points = joined([files.read_measured(path, job.units) for path in measured], contact=ball.contact_points)
     source = files.read_nominal_any(nominal, job.units, config.distance == "facet")
-    target = _with_ball(job, source, ball, where=str(nominal))
+    _check_ball(source, ball, where=str(nominal))
+    if isinstance(source, Nominal) and output.exists():
+        check_measured(points, source)  # a wrong unit is the larger mistake: it comes first
+    record.check_outputs(job, [output], inputs)
+    target = source if isinstance(source, Nominal) else _offset(job, source, ball)
     start: Pose | None = None if initial is None else start_pose(initial)
     with progress_bar(job) as progress:
         alignment = align(points, target, config, start=start, progress=progress)
@@ -138,8 +150,9 @@ def make_alignment(
         outputs=[output],
         result=results.of_alignment(alignment),
         rows=[results.probe_row(target), *summary.of_alignment(alignment)],
+        details=summary.details_of_alignment(alignment),
         warnings=cautions.of_alignment(alignment),
-        next_command=f"cmm-align error-map {output}",
+        next_command=typed("cmm-align", "error-map", output),
     )
 
 
@@ -185,10 +198,9 @@ def joined(sets: Sequence[PointSet], *, contact: bool) -> PointSet:
     )
 
 
-def _with_ball(job: Job, source: object, ball: Ball, *, where: str) -> Nominal:
-    """Return a nominal that knows its ball, offset on the way if it is raw."""
+def _check_ball(source: object, ball: Ball, *, where: str) -> None:
+    """Refuse a raw nominal without a tip radius, and a tip radius that is not the nominal's."""
     from cmm_align.model import Nominal
-    from cmm_align.stages.offset import offset
 
     radius = ball.tip_radius_mm
     if isinstance(source, Nominal):
@@ -198,11 +210,17 @@ def _with_ball(job: Job, source: object, ball: Ball, *, where: str) -> Nominal:
                 where=where,
                 remedy="leave the option out, or run offset again",
             )
-        return source
-    if radius is None and not ball.contact_points:
+    elif radius is None and not ball.contact_points:
         raise UsageError(
             "a raw nominal needs the tip radius",
             where=where,
             remedy="give --tip-radius, or the file that offset wrote",
         )
-    return offset(source, 0.0 if radius is None else radius, job.config.offset)  # type: ignore[arg-type]
+
+
+def _offset(job: Job, source: object, ball: Ball) -> Nominal:
+    """Return a raw nominal with its ball."""
+    from cmm_align.stages.offset import offset
+
+    radius_mm = 0.0 if ball.tip_radius_mm is None else ball.tip_radius_mm
+    return offset(source, radius_mm, job.config.offset)  # type: ignore[arg-type]

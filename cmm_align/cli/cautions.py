@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from cmm_align.model import Alignment, Correction, DeviationMap, Nominal
+from cmm_align.config import ErrorMapConfig
+from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, NominalQuality
 from cmm_align.units import UM_PER_MM
 
 TIGHT_FIT: Final = 0.5
@@ -17,6 +18,12 @@ MANY_OUTSIDE: Final = 0.02
 """Warn where this share of the points lies outside the nominal."""
 LOCKED_UNCERTAINTY_UM: Final = 100.0
 """Warn of a motion that is known no better than this."""
+FULL_COVERAGE: Final = 0.95
+"""Warn of a map that knows less than this share of the nominal."""
+WIDE_TOLERANCE: Final = 20.0
+"""Warn of a tolerance more than so many times the value judged."""
+MANY_CONTINUED: Final = 0.05
+"""Warn where more than this share of the nodes is continued without data."""
 
 
 def of_nominal(nominal: Nominal) -> list[str]:
@@ -27,12 +34,7 @@ def of_nominal(nominal: Nominal) -> list[str]:
     texts = []
     radius = quality.min_concave_radius_mm
     if not quality.regular:
-        texts.append(
-            f"the ball does not fit everywhere: tip radius {nominal.tip_radius_mm:g} mm, smallest concave "
-            f"radius {radius:.3g} mm; points there are left out"
-            if radius is not None
-            else "the equidistant surface is not regular everywhere; points there are left out"
-        )
+        texts.append(_too_large(nominal, quality))
     elif radius is not None and nominal.tip_radius_mm > TIGHT_FIT * radius:
         texts.append(f"the ball is more than half as large as the smallest concave radius ({radius:.3g} mm)")
     if quality.surface_error_pv_nm > TWO_PATHS_NM:
@@ -41,6 +43,20 @@ def of_nominal(nominal: Nominal) -> list[str]:
             f"{quality.surface_error_pv_nm:.0f} nm only; give more points, or the prescription"
         )
     return texts
+
+
+def _too_large(nominal: Nominal, quality: NominalQuality) -> str:
+    """Return where the ball does not fit, how much of the part that concerns, and which ball would."""
+    text = f"the ball does not fit everywhere: tip radius {nominal.tip_radius_mm:g} mm"
+    radius, at = quality.min_concave_radius_mm, quality.min_concave_at_mm
+    if radius is not None and at is not None:
+        text += f", smallest concave radius {radius:.3g} mm at x = {at[0]:.4g}, y = {at[1]:.4g} mm"
+    if quality.n_not_reached:
+        share = 100.0 * quality.n_not_reached / quality.n_points
+        text += f"; {quality.n_not_reached} of {quality.n_points} nodes ({share:.2g} %) are not reached"
+    if quality.max_held_off_mm:
+        text += f", the ball stays up to {quality.max_held_off_mm * UM_PER_MM:.3g} um off"
+    return text + (f"; a ball of radius {radius:.3g} mm or less fits" if radius is not None else "")
 
 
 def of_alignment(alignment: Alignment) -> list[str]:
@@ -68,15 +84,48 @@ def of_alignment(alignment: Alignment) -> list[str]:
 
 def of_map(deviation_map: DeviationMap) -> list[str]:
     """Return what to know about a map."""
-    count = deviation_map.deviation_mm.size
-    unknown = int(np.isnan(deviation_map.deviation_mm).sum())
-    if unknown > count // 2:
-        return [f"{unknown} of {count} nodes of the map are unknown: no points near them"]
+    coverage = deviation_map.coverage
+    if np.isfinite(coverage) and coverage < FULL_COVERAGE:
+        return [
+            f"the map knows {100.0 * coverage:.0f} % of the nominal's area only: its numbers and verdict say "
+            "nothing about the rest"
+        ]
     return []
+
+
+def of_tolerances(deviation_map: DeviationMap, config: ErrorMapConfig) -> list[str]:
+    """Return what to know about tolerances that are far from what was measured."""
+    texts = []
+    both = (deviation_map.statistics, deviation_map.point_statistics)
+    for name, tolerance_um, values in (
+        ("pv", config.tolerance_pv_um, [s.pv_mm for s in both]),
+        ("rms", config.tolerance_rms_um, [s.rms_mm for s in both]),
+    ):
+        judged_um = max(values) * UM_PER_MM
+        if tolerance_um > WIDE_TOLERANCE * judged_um:
+            texts.append(
+                f"the tolerance on {name.upper()}, {tolerance_um:g} um, is more than {WIDE_TOLERANCE:g} "
+                f"times the value judged, {judged_um:.4g} um (a bare number is mm: "
+                f"--tolerance-{name} {tolerance_um / UM_PER_MM:g}um?)"
+            )
+    return texts
 
 
 def of_correction(correction: Correction) -> list[str]:
     """Return what to know about a correction."""
-    if correction.worth_another_pass:
-        return []
-    return [f"another pass is not worth it: {correction.reason}"]
+    texts = []
+    share = continued_share(correction)
+    if share > MANY_CONTINUED:
+        texts.append(
+            f"{100.0 * share:.0f} % of the nodes have no data of their own and are continued from "
+            "neighbours: the picture hatches them"
+        )
+    if not correction.worth_another_pass:
+        texts.append(f"another pass is not worth it: {correction.reason}")
+    return texts
+
+
+def continued_share(correction: Correction) -> float:
+    """Return the share of the nodes that are continued without data, 0 to 1."""
+    inside = int(np.isfinite(correction.correction_mm).sum())
+    return int(correction.extended.sum()) / max(inside, 1)

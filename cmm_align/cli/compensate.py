@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome, beside
+from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, output_option
 from cmm_align.config import CompensateConfig
+from cmm_align.errors import InputError, UsageError
 
 if TYPE_CHECKING:
-    from cmm_align.model import Correction
+    from cmm_align.model import Correction, DeviationMap
+    from cmm_align.provenance import Step
     from cmm_align.surfaces.protocol import Array
+
+MOST_CONTINUED: Final = 0.5
+"""Refuse where more than this share of the nodes has no data of its own."""
 
 TEXT = """The surface to grind next: what was commanded last, less the deviations of MAP.
 
 Writes the correction as HDF5 and the commanded surface as x, y, z text. From the second pass on give
-the correction of the pass before with --previous: the machine needs the sum, not the last piece.
+the correction of the pass before with --previous: the machine needs the sum, not the last piece. Where
+such a file lies beside MAP, one of --previous and --first-pass must be given.
 """
 
 
@@ -28,6 +35,7 @@ the correction of the pass before with --previous: the machine needs the sum, no
 @click.argument("map_file", type=FILE, metavar="MAP")
 @click.option("--gain", type=float, metavar="G", help="Share to take off.  [default: 1.0]")
 @click.option("--previous", type=FILE, metavar="FILE", help="Correction that this part was ground with.")
+@click.option("--first-pass", is_flag=True, help="The part was ground to the nominal, with no correction.")
 @click.option("--text-decimals", type=click.IntRange(5, 12), help="Decimals of the text, mm.  [default: 6]")
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.comp.h5")
@@ -37,6 +45,7 @@ def command(
     map_file: Path,
     gain: float | None,
     previous: Path | None,
+    first_pass: bool,
     text_decimals: int | None,
     no_picture: bool,
     output: Path | None,
@@ -50,7 +59,16 @@ def command(
     if text_decimals is not None:
         config = replace(config, text_decimals=text_decimals)
     return finish(
-        job, make_correction(job, map_file, config, previous=previous, picture=not no_picture, output=output)
+        job,
+        make_correction(
+            job,
+            map_file,
+            config,
+            previous=previous,
+            first_pass=first_pass,
+            picture=not no_picture,
+            output=output,
+        ),
     )
 
 
@@ -60,6 +78,7 @@ def make_correction(
     config: CompensateConfig,
     *,
     previous: Path | None = None,
+    first_pass: bool = False,
     picture: bool = True,
     output: Path | None = None,
 ) -> Outcome:
@@ -73,27 +92,46 @@ def make_correction(
     config : CompensateConfig
     previous : Path, optional
         What `compensate` wrote before this part was ground.
+    first_pass : bool
+        Whether the part was ground without a correction, whatever lies beside the map.
     picture : bool
         Whether to draw the correction, beside the output and with its stem.
     output : Path, optional
         Beside the input unless given.
+
+    Raises
+    ------
+    UsageError
+        If a correction of the same nominal lies beside the map and nobody says what it is.
+    InputError
+        If more than half of the nodes would have to be continued without data.
     """
     from cmm_align import files, io
-    from cmm_align.cli import cautions, record, results
+    from cmm_align.cli import cautions, opening, record, results
     from cmm_align.io.atomic import atomic_path
+    from cmm_align.io.schema import CORRECTION, MAP
     from cmm_align.model import PointKind, PointSet
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
 
+    opening.check_stage(map_file, MAP, job.command, job.units)
     if output is None:
         output = beside(map_file, ".comp.h5")
     text, drawing = output.with_suffix(".xyz"), output.with_suffix(".png")
     outputs = [output, text, drawing] if picture else [output, text]
     inputs = [map_file] if previous is None else [map_file, previous]
-    record.check_outputs(job, outputs, inputs)
+    if previous is not None:
+        if first_pass:
+            raise UsageError("--previous and --first-pass exclude each other")
+        opening.check_stage(previous, CORRECTION, "--previous", job.units)
     before = None if previous is None else io.read_correction(previous)
-    correction = compensate(io.read_map(map_file), config, before)
-    steps = record.steps(job, inputs, after=inputs, compensate=config)
+    deviation_map = io.read_map(map_file)
+    if previous is None and not first_pass:
+        _check_first_pass(map_file, deviation_map, output)
+    record.check_outputs(job, outputs, inputs)
+    correction = compensate(deviation_map, config, before)
+    _check_data(correction, str(map_file))
+    steps = record.steps(job, inputs, after=inputs, compensate=config, first_pass=first_pass)
     io.write(correction, output, steps, overwrite=job.overwrite)
     commanded = PointSet.of(
         commanded_points(correction), kind=PointKind.COMMANDED, frame="part", source=str(text)
@@ -103,19 +141,59 @@ def make_correction(
         from cmm_align.report.correction_picture import draw_correction
 
         with atomic_path(drawing, job.overwrite) as path:
-            draw_correction(
-                correction, path, title=f"{beside(map_file, '').name}: correction of the next pass"
-            )
+            name = beside(map_file, "").name
+            draw_correction(correction, path, title=f"{name}: correction to grind", source=map_file.name)
     return Outcome(
         command=job.command,
         noun=correction,
         inputs=steps[-1].inputs,
         outputs=outputs,
         result=results.of_correction(correction, [text]),
-        rows=[results.probe_row(correction.nominal), *summary.of_correction(correction)],
+        rows=[*summary.of_correction(correction), results.probe_row(correction.nominal)],
+        details=summary.details_of_correction(correction),
         warnings=cautions.of_correction(correction),
-        next_command=f"grind {text}, measure, align and map; then compensate with --previous {output}",
+        advice=f"grind {text.name}, measure the part again, and keep {output.name}: the compensation after "
+        "that one takes it with --previous",
+        next_command=typed("cmm-align", "align", "MEASURED", _nominal_of(steps)),
     )
+
+
+def _check_first_pass(map_file: Path, deviation_map: DeviationMap, output: Path) -> None:
+    """Refuse to start from the nominal where a correction of the same nominal lies beside the map."""
+    from cmm_align.io.earlier_passes import earlier_passes
+    from cmm_align.stages.compensate import map_digest
+
+    found = earlier_passes(
+        map_file.parent, deviation_map.alignment.nominal.digest, map_digest(deviation_map), [output]
+    )
+    if found:
+        path = found[0].path
+        raise UsageError(
+            f"{path.name} (same nominal) lies beside this map",
+            remedy=f"if the part was ground with it give {typed('--previous', path)}, else --first-pass",
+        )
+
+
+def _check_data(correction: Correction, where: str) -> None:
+    """Refuse a correction that is mostly continued, not measured."""
+    from cmm_align.cli.cautions import continued_share
+
+    share = continued_share(correction)
+    if share > MOST_CONTINUED:
+        raise InputError(
+            f"{100.0 * share:.0f} % of the surface to grind has no data of its own",
+            where=where,
+            expected=f"at most {100.0 * MOST_CONTINUED:.0f} %",
+            remedy="measure the rest, map with a larger --spacing, or give a nominal with a smaller aperture",
+        )
+
+
+def _nominal_of(steps: Sequence[Step]) -> str:
+    """Return the nominal that the measurement was aligned to, if it is still where it was."""
+    for step in reversed(steps):
+        if step.command == "align" and step.inputs and Path(step.inputs[-1].path).is_file():
+            return step.inputs[-1].path
+    return "NOMINAL"
 
 
 def commanded_points(correction: Correction) -> Array:

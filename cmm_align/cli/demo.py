@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, cast
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome
+from cmm_align.cli.job import Job, Outcome, typed
 from cmm_align.cli.options import FILE
 from cmm_align.errors import OutputError, OutputExistsError
 from cmm_align.units import UM_PER_MM
@@ -73,7 +73,7 @@ def run_demo(job: Job, folder: Path) -> Outcome:
     nominal = make_nominal(replace(job, command="offset"), points, TIP_RADIUS_MM, job.config.offset)
     before = measure_and_map(job, folder / "part.csv", nominal.outputs[0], truth.at, seed=3)
     correction = make_correction(
-        replace(job, command="compensate"), folder / "part.map.h5", job.config.compensate
+        replace(job, command="compensate"), folder / "part.map.h5", job.config.compensate, first_pass=True
     )
     commanded = cast("PointSet", files.read(correction.outputs[1]))
     after = measure_and_map(
@@ -105,11 +105,11 @@ def run_demo(job: Job, folder: Path) -> Outcome:
                 f"{before.point_statistics.n} points a pass, noise 0.3 um, frame off by 20 mm and 20 deg",
             ),
             ("ground in", "form error of PV 27.00 um, known: what the first pass should find"),
-            ("before", f"PV {first.pv_mm * UM_PER_MM:6.2f} um   RMS {first.rms_mm * UM_PER_MM:5.2f} um"),
-            ("after", f"PV {second.pv_mm * UM_PER_MM:6.2f} um   RMS {second.rms_mm * UM_PER_MM:5.2f} um"),
-            ("improvement", f"PV {first.pv_mm / second.pv_mm:.1f} times smaller in one compensated pass"),
+            ("map before", f"PV {first.pv_mm * UM_PER_MM:6.2f} um   RMS {first.rms_mm * UM_PER_MM:5.2f} um"),
+            ("map after", f"PV {second.pv_mm * UM_PER_MM:6.2f} um   RMS {second.rms_mm * UM_PER_MM:5.2f} um"),
+            ("improvement", f"PV of the map {first.pv_mm / second.pv_mm:.1f} times smaller in one pass"),
         ],
-        next_command=f"cmm-align info {folder / 'part.comp.h5'}",
+        next_command=typed("cmm-align", "info", folder / "part.comp.h5"),
     )
 
 

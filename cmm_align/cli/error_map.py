@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome, beside
+from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.config import ErrorMapConfig
 from cmm_align.units import UM_PER_MM
+
+if TYPE_CHECKING:
+    from cmm_align.model import DeviationMap
 
 TEXT = """Map of the deviations of ALIGNED, with statistics, a picture and a verdict.
 
@@ -73,32 +76,67 @@ def make_map(
         Beside the input unless given.
     """
     from cmm_align import io
-    from cmm_align.cli import cautions, record, results
+    from cmm_align.cli import cautions, opening, record, results
     from cmm_align.io.atomic import atomic_path
+    from cmm_align.io.schema import ALIGNMENT
     from cmm_align.report import summary
     from cmm_align.stages.error_map import error_map
 
+    opening.check_stage(aligned, ALIGNMENT, job.command, job.units)
     if output is None:
         output = beside(aligned, ".map.h5")
     drawing = output.with_suffix(".png")
     outputs = [output, drawing] if picture else [output]
+    alignment = io.read_alignment(aligned)
     record.check_outputs(job, outputs, [aligned])
-    deviation_map = error_map(io.read_alignment(aligned), config)
+    deviation_map = error_map(alignment, config)
     steps = record.steps(job, [aligned], after=[aligned], error_map=config)
     io.write(deviation_map, output, steps, overwrite=job.overwrite)
     if picture:
         from cmm_align.report.map_picture import draw_map
 
         with atomic_path(drawing, job.overwrite) as path:
-            draw_map(deviation_map, path, title=beside(aligned, "").name)
+            draw_map(deviation_map, path, title=beside(aligned, "").name, source=aligned.name)
+    verdict, reasons = summary.verdict_of(deviation_map)
+    within = verdict == "PASS"
     return Outcome(
         command=job.command,
         noun=deviation_map,
         inputs=steps[-1].inputs,
         outputs=outputs,
         result=results.of_map(deviation_map),
-        rows=[results.probe_row(deviation_map.alignment.nominal), *summary.of_map(deviation_map)],
-        warnings=cautions.of_map(deviation_map),
-        next_command=f"cmm-align compensate {output}",
+        rows=[
+            ("tolerance", tolerances(config)),
+            *summary.of_map(deviation_map),
+            results.probe_row(deviation_map.alignment.nominal),
+        ],
+        details=summary.details_of_map(deviation_map),
+        verdict=verdict,
+        reasons=reasons,
+        warnings=[*cautions.of_tolerances(deviation_map, config), *cautions.of_map(deviation_map)],
+        advice="nothing: within tolerance" if within else "",
+        next_command="" if within else _compensation(deviation_map, output),
         exit_code=EXIT_OF_VERDICT[deviation_map.verdict],
     )
+
+
+def tolerances(config: ErrorMapConfig) -> str:
+    """Return the tolerances in words."""
+    both = (("PV", config.tolerance_pv_um), ("RMS", config.tolerance_rms_um))
+    given = ", ".join(f"{name} {value:g} um" for name, value in both if value > 0.0)
+    return given or "none given, so no verdict (--tolerance-pv, --tolerance-rms)"
+
+
+def _compensation(deviation_map: DeviationMap, output: Path) -> str:
+    """Return the command that takes the map, with the pass before if a correction of it lies here."""
+    from cmm_align.io.earlier_passes import earlier_passes
+    from cmm_align.stages.compensate import map_digest
+
+    found = earlier_passes(
+        output.parent,
+        deviation_map.alignment.nominal.digest,
+        map_digest(deviation_map),
+        [beside(output, ".comp.h5")],
+    )
+    command = ("cmm-align", "compensate", output)
+    return typed(*command, "--previous", found[0].path) if found else typed(*command)

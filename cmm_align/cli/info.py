@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome
+from cmm_align.cli.job import Job, Outcome, typed
 from cmm_align.cli.options import FILE
 
 Rows = list[tuple[str, str]]
 
-TEXT = """What is in FILE, and where it came from.
+TEXT = """What is in each FILE, and where it came from.
 
 For a file of ours: its numbers, its datasets and every step that led to it. For any other file: what
 it was taken for, and its size.
 """
 
 
-@options.command("info", TEXT)
-@click.argument("file", type=FILE)
-def command(job: Job, file: Path) -> int:
+@options.command("info", TEXT, writes=False)
+@click.argument("files", type=FILE, nargs=-1, required=True, metavar="FILE...")
+def command(job: Job, files: tuple[Path, ...]) -> int:
     """Parse, call, show."""
     from cmm_align.cli.show import finish
 
-    return finish(job, look_into(job, file))
+    found = [look_into(job, path) for path in files]
+    if job.json and len(found) > 1:
+        together = replace(
+            found[0],
+            inputs=[item for one in found for item in one.inputs],
+            result={"files": [dict(one.result) for one in found]},
+        )
+        return finish(job, together)
+    return max(finish(job, one) for one in found)
 
 
 def look_into(job: Job, path: Path) -> Outcome:
@@ -39,50 +48,53 @@ def look_into(job: Job, path: Path) -> Outcome:
         Any file that one of the commands reads.
     """
     from cmm_align import io
+    from cmm_align.cli import opening
     from cmm_align.provenance import InputFile, sha256_of_file
 
+    opening.check_kind(path, opening.ANY)
     checksum = sha256_of_file(path)
     with path.open("rb") as stream:
         ours = stream.read(len(io.MAGIC)) == io.MAGIC and io.schema_of(path) is not None
-    result, rows, follow = _ours(path, verbose=job.verbosity > 0) if ours else _theirs(path, job.units)
+    result, rows, details, follow = _ours(path) if ours else _theirs(path, job.units)
+    is_command = follow.startswith("cmm-align")
     return Outcome(
         command=job.command,
         noun=None,
         inputs=[InputFile(str(path), checksum)],
         outputs=[],
         result=result,
-        rows=[*rows, ("sha256", checksum)],
-        next_command=follow,
+        rows=[*rows, ("sha256", checksum), *([("use", follow)] if follow and not is_command else [])],
+        details=details,
+        next_command=follow if is_command else "",
     )
 
 
-def _ours(path: Path, *, verbose: bool) -> tuple[dict[str, Any], Rows, str]:
-    """Return result, rows and what to do next for a file of ours."""
+def _ours(path: Path) -> tuple[dict[str, Any], Rows, Rows, str]:
+    """Return result, rows, details and what to do next for a file of ours."""
     from dataclasses import asdict
 
     from cmm_align import io
 
     found = io.describe(path)
-    rows = [
-        ("what", f"{found['what']}, {found['schema']} version {found['schema_version']}"),
-        *_summary(path),
-    ]
+    own, more = _summary(path)
+    rows = [("what", f"{found['what']}, {found['schema']} version {found['schema_version']}"), *own]
+    details = list(more)
     for number, step in enumerate(found["steps"], start=1):
         files = ", ".join(f"{item.path} ({item.sha256[:8]})" for item in step.inputs)
-        rows.append(
-            (f"step {number}", f"{step.command} {step.version}, {step.time_utc}, of {files or 'no file'}")
-        )
-        if verbose:
-            rows += [("", f"{key} = {value}") for key, value in step.parameters.items()]
-    for item in found["datasets"] if verbose else ():
+        name = f"step {number}"
+        rows.append((name, f"{step.command} {step.version}, {step.time_utc}, of {files or 'no file'}"))
+        for key, value in step.parameters.items():
+            details.append((name, f"{key} = {value}"))
+            name = ""
+    for item in found["datasets"]:
         shape = " x ".join(map(str, item["shape"])) or "scalar"
-        rows.append((item["name"], f"{shape}, {item['units']}: {item['description']}"))
+        details.append((item["name"], f"{shape}, {item['units']}: {item['description']}"))
     result = {**found, "steps": [asdict(step) for step in found["steps"]]}
-    return result, rows, found["next"].replace("`", "")
+    return result, rows, details, found["next"].replace("`", "")
 
 
-def _summary(path: Path) -> Rows:
-    """Return the rows that the command which made a file has shown."""
+def _summary(path: Path) -> tuple[Rows, Rows]:
+    """Return the rows and details that the command which made a file has shown."""
     from cmm_align import io
     from cmm_align.cli.results import probe_row
     from cmm_align.model import Alignment, Correction, DeviationMap
@@ -90,16 +102,20 @@ def _summary(path: Path) -> Rows:
 
     noun = io.read(path)
     if isinstance(noun, Alignment):
-        return [probe_row(noun.nominal), *summary.of_alignment(noun)]
+        return [probe_row(noun.nominal), *summary.of_alignment(noun)], summary.details_of_alignment(noun)
     if isinstance(noun, DeviationMap):
-        return [probe_row(noun.alignment.nominal), *summary.of_map(noun)]
+        word, reasons = summary.verdict_of(noun)
+        verdict = [("verdict", f"{word}: {'; '.join(reasons)}")] if word else []
+        rows = [*verdict, *summary.of_map(noun), probe_row(noun.alignment.nominal)]
+        return rows, summary.details_of_map(noun)
     if isinstance(noun, Correction):
-        return [probe_row(noun.nominal), *summary.of_correction(noun)]
-    return summary.of_nominal(noun)
+        rows = [*summary.of_correction(noun), probe_row(noun.nominal)]
+        return rows, summary.details_of_correction(noun)
+    return summary.of_nominal(noun), []
 
 
-def _theirs(path: Path, units: str | None) -> tuple[dict[str, Any], Rows, str]:
-    """Return result, rows and what to do next for a file of somebody else."""
+def _theirs(path: Path, units: str | None) -> tuple[dict[str, Any], Rows, Rows, str]:
+    """Return result, rows, details and what to do next for a file of somebody else."""
     from cmm_align import files
     from cmm_align.model import PointSet
 
@@ -108,7 +124,12 @@ def _theirs(path: Path, units: str | None) -> tuple[dict[str, Any], Rows, str]:
         bounds = found.bounds  # type: ignore[union-attr]
         size = [bounds.x_max - bounds.x_min, bounds.y_max - bounds.y_min]
         rows = [("what", "a prescription"), ("aperture", f"{size[0]:g} x {size[1]:g} mm")]
-        return {"what": "a prescription", "size_mm": size}, rows, f"cmm-align offset {path} --tip-radius R"
+        return (
+            {"what": "a prescription", "size_mm": size},
+            rows,
+            [],
+            typed("cmm-align", "offset", path, "--tip-radius", "R"),
+        )
     low, high = found.points_mm.min(axis=0), found.points_mm.max(axis=0)
     result: dict[str, Any] = {
         "what": "points",
@@ -127,4 +148,4 @@ def _theirs(path: Path, units: str | None) -> tuple[dict[str, Any], Rows, str]:
             for axis, a, b in zip("xyz", low, high, strict=True)
         ),
     ]
-    return result, rows, ""
+    return result, rows, [], ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,9 +56,17 @@ class Outcome:
         For ``--json``: every number carries its unit in its key.
     rows : sequence of (label, value)
         For the screen.
+    details : sequence of (label, value)
+        For the screen too, with ``-v``.
+    verdict : str
+        PASS, FAIL or UNDECIDED where a tolerance was given, else empty.
+    reasons : sequence of str
+        What was judged, a sentence for each tolerance.
     warnings : sequence of str
+    advice : str
+        What to do before the next command, or in place of one, in prose.
     next_command : str
-        What to type next; empty at the end of the chain.
+        What to type next, ready to be copied; empty at the end of the chain.
     exit_code : int
         0, or 5 and 6 where a tolerance was given.
     """
@@ -68,9 +77,24 @@ class Outcome:
     outputs: Sequence[Path]
     result: Mapping[str, Any]
     rows: Sequence[tuple[str, str]]
+    details: Sequence[tuple[str, str]] = ()
+    verdict: str = ""
+    reasons: Sequence[str] = ()
     warnings: Sequence[str] = ()
+    advice: str = ""
     next_command: str = ""
     exit_code: int = 0
+
+
+def typed(*words: str | Path) -> str:
+    """Return a command as it is typed in a shell, names with blanks in quotes.
+
+    Examples
+    --------
+    >>> typed("cmm-align", "error-map", Path("my part.align.h5"))
+    "cmm-align error-map 'my part.align.h5'"
+    """
+    return shlex.join(str(word) for word in words)
 
 
 def beside(source: Path, suffix: str) -> Path:

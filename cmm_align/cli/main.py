@@ -5,7 +5,9 @@ Command modules are imported when they are called, so that the list of commands 
 
 from __future__ import annotations
 
+import difflib
 import importlib
+import io
 import os
 import signal
 import sys
@@ -17,6 +19,7 @@ import click
 
 from cmm_align import __version__
 from cmm_align.cli.chain import CHAIN
+from cmm_align.cli.complaint import Complaint, complain, complaint_of
 from cmm_align.errors import CmmAlignError
 
 EXIT_BUG: Final = 1
@@ -57,6 +60,16 @@ class LazyGroup(click.Group):
         command: click.Command = module.command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; refuse an unknown one and name the nearest."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
+            ctx.fail(f"no such command {args[0]!r}; {hint}")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands without importing them."""
         with formatter.section("Commands"):
@@ -80,6 +93,9 @@ def cmm_align() -> None:
 def run() -> NoReturn:
     """Run the command line and leave the process with the exit code of the contract."""
     signal.signal(signal.SIGTERM, _terminate)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a sign that cannot be shown is no reason to stop
     sys.exit(outcome_of(sys.argv[1:]))
 
 
@@ -97,33 +113,30 @@ def outcome_of(arguments: list[str]) -> int:  # noqa: PLR0911 - one way out for 
         return EXIT_USAGE
     except click.ClickException as error:
         place = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "cmm-align"
-        return _complain(f"{error.format_message().rstrip('.')}; see {place} --help", EXIT_USAGE)
+        text = Complaint(error.format_message().rstrip("."), remedy=f"see {place} --help")
+        return complain(arguments, text, EXIT_USAGE)
     except CmmAlignError as error:
-        return _complain(error.one_line(), error.exit_code)
+        return complain(arguments, complaint_of(error), error.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        return _complain("interrupted", EXIT_INTERRUPTED)
+        return complain(arguments, Complaint("interrupted"), EXIT_INTERRUPTED)
     except Terminated:
-        return _complain("terminated", EXIT_TERMINATED)
+        return complain(arguments, Complaint("terminated"), EXIT_TERMINATED)
     except BrokenPipeError:
         # The reader of stdout went away (as `| head` does): say nothing, now or at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PIPE
     except MemoryError as error:
-        return _complain(f"not enough memory ({error or 'no size given'}); use fewer points", EXIT_NUMERICS)
+        text = Complaint(f"not enough memory ({error or 'no size given'})", remedy="use fewer points")
+        return complain(arguments, text, EXIT_NUMERICS)
     except Exception:
-        return _complain(f"this is a bug of ours, sorry; a report is in {_bug_report(arguments)}", EXIT_BUG)
+        text = Complaint(f"this is a bug of ours, sorry; a report is in {_bug_report(arguments)}")
+        return complain(arguments, text, EXIT_BUG)
     return code if isinstance(code, int) else 0
 
 
 def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:
     """Unwind on SIGTERM."""
     raise Terminated
-
-
-def _complain(text: str, code: int) -> int:
-    """Write one line to stderr and return the exit code."""
-    click.echo(f"cmm-align: {' '.join(text.split())}", err=True)
-    return code
 
 
 def _bug_report(arguments: list[str]) -> Path:
@@ -141,7 +154,7 @@ def _bug_report(arguments: list[str]) -> Path:
     # Frames and lines of code only: the text of an exception may quote the user's numbers.
     lines += ["arguments: " + " ".join(arguments), "", _frames(sys.exc_info()[1])]
     handle, name = tempfile.mkstemp(prefix="cmm-align-bug-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
+    with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
         file.write("\n".join(lines) + "\n")
     return Path(name)
 

@@ -52,7 +52,10 @@ def output_option(default: str) -> Callable[[Callable[..., Any]], Callable[..., 
     )
 
 
-def command(name: str, text: str) -> Callable[[Callable[..., Any]], click.Command]:
+TIP_RADIUS_HELP = "Effective radius of the tip, not its diameter."
+
+
+def command(name: str, text: str, *, writes: bool = True) -> Callable[[Callable[..., Any]], click.Command]:
     """Return a decorator that makes a command: common options, help text, the chain at its end.
 
     Parameters
@@ -61,6 +64,8 @@ def command(name: str, text: str) -> Callable[[Callable[..., Any]], click.Comman
         As typed.
     text : str
         Help text.
+    writes : bool
+        Whether it writes files, and so has ``--overwrite``.
     """
 
     def decorate(callback: Callable[..., Any]) -> click.Command:
@@ -77,13 +82,15 @@ def command(name: str, text: str) -> Callable[[Callable[..., Any]], click.Comman
                 json=values.pop("json"),
                 quiet=values.pop("quiet"),
                 verbosity=values.pop("verbosity"),
-                overwrite=values.pop("overwrite"),
+                overwrite=values.pop("overwrite", False),
                 units=values.pop("units"),
             )
             return callback(job, **values)
 
         made = click.command(name, help=text, epilog=CHAIN)(with_job)
-        made.params += _common_options()  # after the command's own, in the help too
+        made.params += [  # after the command's own, in the help too
+            option for option in _common_options() if writes or option.name != "overwrite"
+        ]
         return made
 
     return decorate
@@ -102,8 +109,10 @@ def _common_options() -> list[click.Parameter]:
             multiple=True,
             help="Settings; repeatable, later files win, options win over files.",
         ),
-        click.Option(["--overwrite"], is_flag=True, help="Replace outputs that exist."),
+        click.Option(["--overwrite"], is_flag=True, help="Replace outputs that exist and are ours."),
         click.Option(["--json"], is_flag=True, help="One JSON object on stdout instead of the report."),
-        click.Option(["-q", "--quiet"], is_flag=True, help="No report; warnings and errors only."),
+        click.Option(
+            ["-q", "--quiet"], is_flag=True, help="No report; warnings, errors and the verdict only."
+        ),
         click.Option(["-v", "--verbose", "verbosity"], count=True, help="Say more."),
     ]

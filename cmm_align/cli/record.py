@@ -8,19 +8,39 @@ from pathlib import Path
 from typing import Any
 
 from cmm_align.cli.job import Job
+from cmm_align.errors import UsageError
 from cmm_align.io import read_steps
 from cmm_align.io.atomic import check_writable
+from cmm_align.io.kinds import HDF5_SUFFIXES
 from cmm_align.provenance import Step, this_step
 
 
-def check_outputs(job: Job, outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
+def check_outputs(
+    job: Job, outputs: Sequence[Path], inputs: Sequence[Path], *, stage_file: bool = True
+) -> None:
     """Refuse, before anything is computed, outputs that exist, cannot be written or are inputs.
+
+    Parameters
+    ----------
+    job : Job
+    outputs, inputs : sequence of Path
+    stage_file : bool
+        Whether the first output is one of our HDF5 files, which must be named as such.
 
     Raises
     ------
+    UsageError
+        If the name of a stage file says that it is something else.
     OutputError
         For the first output that cannot be written.
     """
+    if stage_file and outputs[0].suffix.lower() not in HDF5_SUFFIXES:
+        raise UsageError(
+            f"{outputs[0].name!r} is no name for the file of a stage",
+            where=str(outputs[0]),
+            expected=f"a name that ends in {' or '.join(HDF5_SUFFIXES)}",
+            remedy=f"give -o {outputs[0].with_suffix('.h5').name}",
+        )
     for path in outputs:
         check_writable(path, job.overwrite, inputs)
 

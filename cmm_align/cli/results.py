@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -17,7 +17,12 @@ from cmm_align import __version__
 from cmm_align.cli.job import Outcome
 from cmm_align.errors import InputError
 from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, Statistics
-from cmm_align.units import DEG_PER_RAD, UM_PER_MM
+from cmm_align.units import DEG_PER_RAD, NM_PER_MM, UM_PER_MM
+
+if TYPE_CHECKING:
+    from cmm_align.stages.plan import MeasuringPlan
+
+SECONDS_PER_MINUTE: Final = 60.0
 
 
 def document(outcome: Outcome) -> dict[str, Any]:
@@ -74,8 +79,60 @@ def of_nominal(nominal: Nominal) -> dict[str, Any]:
         "equidistant_error_pv_nm": quality.equidistant_error_pv_nm,
         "spacing_mm": list(quality.spacing_mm),
         "degree": quality.degree,
+        "largest_ball_radius_mm": quality.min_concave_radius_mm,
+        "n_not_reached": quality.n_not_reached,
+        "n_edge": quality.n_edge,
+        "n_feature": quality.n_feature,
+        "max_held_off_um": None if quality.max_held_off_mm is None else quality.max_held_off_mm * UM_PER_MM,
         "digest": nominal.digest,
     }
+
+
+def of_plan(plan: MeasuringPlan, path: Path) -> dict[str, Any]:
+    """Return the part of the result of `offset` that tells of its measuring plan."""
+    return {
+        "path": str(path),
+        "n_points": len(plan),
+        "n_dense": int(plan.dense.sum()),
+        "spacing_mm": plan.spacing_mm,
+        "dense_spacing_mm": plan.dense_spacing_mm,
+        "chosen_by": plan.chosen_by,
+        "facet_error_pv_nm": plan.facet_error_pv_nm,
+        "facet_error_predicted_nm": plan.facet_error_predicted_nm,
+        "shortest_wavelength_mm": plan.shortest_wavelength_mm,
+        "practical_wavelength_mm": plan.practical_wavelength_mm,
+        "shortest_dense_wavelength_mm": plan.shortest_dense_wavelength_mm,
+        "practical_dense_wavelength_mm": plan.practical_dense_wavelength_mm,
+        "path_mm": plan.path_mm,
+        "time_s": plan.time_s,
+        "n_not_reached": plan.n_not_reached,
+        "n_edge": plan.n_edge,
+    }
+
+
+def head_of_plan(plan: MeasuringPlan) -> list[tuple[str, str]]:
+    """Return the numbers for the head of the plan's picture: label and value."""
+    hours, minutes = divmod(max(1, round(plan.time_s / SECONDS_PER_MINUTE)), 60)
+    return [
+        ("points", f"{len(plan):,}".replace(",", "\N{THIN SPACE}")),
+        ("spacing, mm", f"{plan.spacing_mm:.3g}"),
+        ("time", f"{hours} h {minutes:02d}" if hours else f"{minutes} min"),
+    ]
+
+
+def rows_of_plan(plan: MeasuringPlan) -> list[tuple[str, str]]:
+    """Return the rows of the summary that tell of a measuring plan."""
+    n_dense = int(plan.dense.sum())
+    dense = f", {n_dense} of them {plan.dense_spacing_mm:.3g} mm apart at features" if n_dense else ""
+    inside = f", {plan.practical_dense_wavelength_mm:.3g} mm at features" if n_dense else ""
+    minutes = max(1, round(plan.time_s / SECONDS_PER_MINUTE))
+    error_um = plan.facet_error_pv_nm * UM_PER_MM / NM_PER_MM
+    return [
+        ("plan", f"{len(plan)} points {plan.spacing_mm:.4g} mm apart ({plan.chosen_by}){dense}"),
+        ("plan shows", f"wavelengths from {plan.practical_wavelength_mm:.3g} mm on{inside}"),
+        ("plan's facets", f"{error_um:.3g} um PV from the surface, measured"),
+        ("plan's path", f"{plan.path_mm:.0f} mm, about {minutes} min"),
+    ]
 
 
 def of_alignment(alignment: Alignment) -> dict[str, Any]:
@@ -139,6 +196,8 @@ def of_map(deviation_map: DeviationMap) -> dict[str, Any]:
             for rung in deviation_map.ladder
         ],
         "verdict": str(deviation_map.verdict),
+        "verdict_lines": list(deviation_map.verdict_lines),
+        "coverage_percent": 100.0 * deviation_map.coverage,
         "points": of_statistics(deviation_map.point_statistics),
     }
 

@@ -2,7 +2,8 @@
 
 Temporary file in the same folder -> write -> fsync -> re-open and verify -> rename -> fsync the folder.
 An old output stays as it was until the new one is complete; an error leaves nothing behind.
-An output that is a symbolic link keeps the link and replaces the file it points to.
+An output that is a symbolic link keeps the link and replaces the file it points to. A file that is not of
+the output's kind is somebody else's work and is never replaced.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Final
 
 from cmm_align.errors import OutputError, OutputExistsError
 from cmm_align.io import lock as locks
+from cmm_align.io.kinds import refuse_another_kind
 
 _REPLACE_TRIES: Final = 10
 _REPLACE_PAUSE_S: Final = 0.05
@@ -38,7 +40,7 @@ def check_writable(path: Path | str, overwrite: bool = False, inputs: Iterable[P
     Raises
     ------
     OutputExistsError
-        If the output is there and `overwrite` is False.
+        If the output is there and `overwrite` is False, or it is of another kind than its new content.
     OutputError
         If its folder is missing or not writable, it is a folder, or it is one of the inputs.
     """
@@ -58,6 +60,7 @@ def check_writable(path: Path | str, overwrite: bool = False, inputs: Iterable[P
                 raise OutputError(f"it is also an input ({other})", where=where, remedy="choose another name")
         if not overwrite:
             raise OutputExistsError("it exists already", where=where, remedy="add --overwrite or another -o")
+        refuse_another_kind(target, where)
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"the folder {Path(path).parent} is not writable", where=where)
     return target

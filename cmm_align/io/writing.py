@@ -120,8 +120,9 @@ def _write_steps(file: h5py.File, steps: Sequence[Step]) -> None:
         group.attrs["command"] = step.command
         group.attrs["version"] = step.version
         group.attrs["time_utc"] = step.time_utc
-        group.attrs["parameters"] = json.dumps(dict(step.parameters), ensure_ascii=False)
-        group.attrs["inputs"] = json.dumps([asdict(i) for i in step.inputs], ensure_ascii=False)
+        group.attrs["parameters"] = json.dumps(dict(step.parameters))
+        # Escaped: a name may hold bytes that are no UTF-8, and HDF5 refuses those.
+        group.attrs["inputs"] = json.dumps([asdict(i) for i in step.inputs])
 
 
 def _shapes(file: h5py.File) -> dict[str, tuple[int, ...]]:

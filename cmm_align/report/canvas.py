@@ -5,27 +5,34 @@ Only matplotlib's object interface is used (no pyplot, no global state, no displ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
 from matplotlib.path import Path as MplPath
 from matplotlib.ticker import MaxNLocator
 
 from cmm_align.model import Nominal
-from cmm_align.report.deviation_colours import deviation_colours
-from cmm_align.surfaces.protocol import Array, Mask
+from cmm_align.surfaces.protocol import Array
 from cmm_align.units import UM_PER_MM
 
 DPI: Final = 150
 WIDTH_IN: Final = 9.4
-PIXELS: Final = 1200
-"""Samples along the longer side of a drawn field."""
+
+_HEAD_LEFT: Final = 0.055
+_NUMBERS_RIGHT: Final = 0.965
+_NUMBER_WIDTH: Final = 0.128
+_TITLE_SIZE: Final = 15.0
+_SMALLEST_TITLE: Final = 9.5
+_TITLE_LETTERS: Final = 33.0
+"""So many letters of a title fill half the width of the sheet."""
 
 INK: Final = "#1d2733"
 SOFT: Final = "#66727f"
@@ -83,90 +90,6 @@ def limit_um(*fields_mm: Array) -> float:
     return float(np.ceil(largest / unit * (1.0 - 1e-9)) * unit)
 
 
-def draw_field(
-    axes: Axes, x_mm: Array, y_mm: Array, field_mm: Array, limit: float, *, rings: int = 0
-) -> AxesImage:
-    """Draw a field in um over its grid, unknown nodes left clear, equal axes in mm.
-
-    Between the nodes a cubic is drawn that passes through every one of them. A known node fills its
-    own cell; with `rings`, so many cells around it as well (for a field that ends at a border between
-    two nodes).
-
-    Parameters
-    ----------
-    axes : Axes
-    x_mm, y_mm : ndarray, shape (nx,), (ny,), mm
-    field_mm : ndarray, shape (ny, nx), mm
-    limit : float
-        Largest absolute value of the colour scale, um.
-    rings : int
-        Cells that a known node fills beyond its own.
-    """
-    colours = ListedColormap(deviation_colours(), name="deviation").with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
-    known = np.isfinite(field_mm)
-    full, near = _spread(np.where(known, field_mm, 0.0), known, rings + 2)
-    if rings:
-        _, known = _spread(field_mm, known, rings)
-    factor = max(1, round(PIXELS / max(field_mm.shape)))
-    along_x, along_y = _cubic_matrix(len(x_mm), factor), _cubic_matrix(len(y_mm), factor)
-    fine = along_y @ np.where(near, full, 0.0) @ along_x.T
-    shown = np.repeat(np.repeat(known, factor, axis=0), factor, axis=1)
-    half_x, half_y = 0.5 * (x_mm[1] - x_mm[0]), 0.5 * (y_mm[1] - y_mm[0])
-    image = axes.imshow(
-        np.ma.masked_where(~shown, fine * UM_PER_MM),
-        extent=(
-            float(x_mm[0] - half_x),
-            float(x_mm[-1] + half_x),
-            float(y_mm[0] - half_y),
-            float(y_mm[-1] + half_y),
-        ),
-        origin="lower",
-        cmap=colours,
-        vmin=-limit,
-        vmax=limit,
-        interpolation="nearest",
-        zorder=2,
-    )
-    axes.set_aspect("equal")
-    return image
-
-
-def _spread(field: Array, known: Mask, rings: int) -> tuple[Array, Mask]:
-    """Return the field and its mask after growing by rings of means of known neighbours."""
-    field, known = field.copy(), known.copy()
-    ny, nx = field.shape
-    for _ in range(rings):
-        values = np.pad(np.where(known, field, 0.0), 1)
-        flags = np.pad(known.astype(np.float64), 1)
-        total, count = np.zeros_like(field), np.zeros_like(field)
-        for dy in range(3):
-            for dx in range(3):
-                total += values[dy : dy + ny, dx : dx + nx]
-                count += flags[dy : dy + ny, dx : dx + nx]
-        fresh = ~known & (count > 0.0)
-        field[fresh] = total[fresh] / count[fresh]
-        known |= fresh
-    return field, known
-
-
-def _cubic_matrix(n: int, factor: int) -> Array:
-    """Return the matrix, shape (n factor, n), from nodes to `factor` samples in each cell.
-
-    Cubic convolution (R. G. Keys, 1981, a = -1/2); the border node is repeated outside.
-    """
-    place = (np.arange(n * factor) + 0.5) / factor - 0.5
-    matrix = np.zeros((n * factor, n))
-    first = np.floor(place).astype(np.intp)
-    for k in range(-1, 3):
-        d = np.abs(place - (first + k))
-        near = 1.0 - 2.5 * d**2 + 1.5 * d**3
-        far = 2.0 - 4.0 * d + 2.5 * d**2 - 0.5 * d**3
-        np.add.at(
-            matrix, (np.arange(n * factor), np.clip(first + k, 0, n - 1)), np.where(d <= 1.0, near, far)
-        )
-    return matrix
-
-
 def draw_aperture(axes: Axes, nominal: Nominal, image: AxesImage, *, hatched: bool = True) -> MplPath:
     """Draw the aperture on a grey ground (where nothing is known), cut the image to it, return it."""
     b = nominal.surface.bounds
@@ -202,34 +125,154 @@ def dress(axes: Axes, nominal: Nominal, *, y_label: bool = True) -> None:
 
 
 def draw_scale(
-    figure: Figure, image: AxesImage, box: tuple[float, float, float, float], limit: float
+    figure: Figure,
+    image: AxesImage,
+    box: tuple[float, float, float, float],
+    limit: float,
+    ends: tuple[str, str] = ("", ""),
 ) -> None:
-    """Draw the colour bar in um, with zero and both limits among its ticks."""
+    """Draw the colour bar in um, with zero and both limits among its ticks.
+
+    Parameters
+    ----------
+    figure : Figure
+    image : AxesImage
+    box : tuple of float
+        Left, bottom, width and height on the sheet, 0 to 1.
+    limit : float
+        Largest absolute value, um.
+    ends : (str, str)
+        Words under the low end and over the high one.
+    """
     axes = figure.add_axes(box)
     bar = figure.colorbar(image, cax=axes)
-    ticks = [
-        t
-        for t in MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]).tick_values(-limit, limit)
-        if abs(t) < 0.85 * limit
-    ]
-    values = [-limit, *ticks, limit]
+    even = MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]).tick_values(-limit, limit)
+    room = 0.7 * (even[1] - even[0])
+    values = [-limit, *(t for t in even if abs(t) <= limit - room), limit]
     digits = next(d for d in range(7) if all(abs(round(t, d) - t) <= 1e-6 * limit for t in values))
     bar.set_ticks(values, labels=[signed(t, digits) for t in values])
     bar.outline.set_edgecolor(RULE)
     axes.tick_params(length=0, pad=4)
-    axes.set_title("µm", fontsize=9, color=SOFT, loc="left", pad=8)
+    low, high = ends
+    axes.set_title(f"{high}\nµm" if high else "µm", fontsize=9, color=SOFT, loc="left", pad=8)
+    if low:
+        axes.annotate(
+            low,
+            (0.0, 0.0),
+            xycoords="axes fraction",
+            xytext=(0, -9),
+            textcoords="offset points",
+            fontsize=9,
+            color=SOFT,
+            ha="left",
+            va="top",
+        )
+
+
+class Chip(NamedTuple):
+    """A word on a coloured ground, as the verdict of a map."""
+
+    text: str
+    colour: str
 
 
 def header(
-    figure: Figure, title: str, subtitle: str, numbers: list[tuple[str, str]], height_in: float
+    figure: Figure,
+    title: str,
+    lines: Sequence[str],
+    numbers: Sequence[tuple[str, str]],
+    height_in: float,
+    chip: Chip | None = None,
 ) -> None:
-    """Write the title at the left and up to four big numbers at the right of the head of the sheet."""
-    figure.text(0.055, 1.0 - 0.36 / height_in, title, fontsize=15, weight="bold", va="center")
-    figure.text(0.055, 1.0 - 0.66 / height_in, subtitle, fontsize=9, color=SOFT, va="center")
+    """Write the head of the sheet: title and lines at the left, big numbers at the right.
+
+    Parameters
+    ----------
+    figure : Figure
+    title : str
+        Made smaller, and cut in the end, where it would run into the numbers.
+    lines : sequence of str
+        Up to three; the third has the colour of the chip.
+    numbers : sequence of (label, value)
+        Up to three.
+    height_in : float
+        Of the sheet.
+    chip : Chip, optional
+        Left of the numbers.
+    """
+    columns = len(numbers) + (chip is not None)
+    letters = (_TITLE_LETTERS * (_NUMBERS_RIGHT - _NUMBER_WIDTH * columns - _HEAD_LEFT)) / 0.5
+    size = max(_TITLE_SIZE * min(1.0, letters / max(len(title), 1)), _SMALLEST_TITLE)
+    most = int(letters * _TITLE_SIZE / size)
+    shown = title if len(title) <= most else title[: most - 1] + "\N{HORIZONTAL ELLIPSIS}"
+    figure.text(_HEAD_LEFT, 1.0 - 0.36 / height_in, plain(shown), fontsize=size, weight="bold", va="center")
+    for k, line in enumerate(lines):
+        colour = chip.colour if chip is not None and k == 2 else SOFT
+        figure.text(
+            _HEAD_LEFT,
+            1.0 - (0.66 + 0.19 * k) / height_in,
+            plain(line),
+            fontsize=9,
+            color=colour,
+            va="center",
+        )
     for k, (label, value) in enumerate(reversed(numbers)):
-        right = 0.965 - 0.128 * k
-        figure.text(right, 1.0 - 0.35 / height_in, value, fontsize=15, weight="bold", ha="right", va="center")
+        right = _NUMBERS_RIGHT - _NUMBER_WIDTH * k
+        figure.text(right, 1.0 - 0.36 / height_in, value, fontsize=15, weight="bold", ha="right", va="center")
         figure.text(right, 1.0 - 0.66 / height_in, label, fontsize=9, color=SOFT, ha="right", va="center")
+    if chip is not None:
+        figure.text(
+            _NUMBERS_RIGHT - _NUMBER_WIDTH * len(numbers) - 0.01,
+            1.0 - 0.36 / height_in,
+            chip.text,
+            fontsize=11,
+            weight="bold",
+            color="white",
+            ha="right",
+            va="center",
+            bbox={"boxstyle": "round,pad=0.35,rounding_size=0.25", "fc": chip.colour, "ec": "none"},
+        )
+
+
+def footer(figure: Figure, parts: Sequence[str], height_in: float) -> None:
+    """Write one quiet line at the foot of the sheet: where the picture comes from."""
+    text = "   \N{MIDDLE DOT}   ".join(plain(part) for part in parts if part)
+    figure.text(_HEAD_LEFT, 0.16 / height_in, text, fontsize=7.5, color=SOFT, va="center")
+
+
+def legend(figure: Figure, entries: Sequence[tuple[Artist, str]], right: float, height_in: float) -> None:
+    """Write what the marks of a map mean, right-aligned under it, if there are any."""
+    if entries:
+        figure.legend(
+            [mark for mark, _ in entries],
+            [text for _, text in entries],
+            loc="center right",
+            bbox_to_anchor=(right, 0.44 / height_in),
+            ncols=len(entries),
+            frameon=False,
+            fontsize=8.5,
+            labelcolor=SOFT,
+            borderpad=0.0,
+            borderaxespad=0.0,
+            handletextpad=0.6,
+            columnspacing=1.6,
+            markerscale=2.0,
+        )
+
+
+def hatched_patch() -> Rectangle:
+    """Return the sample of a hatched area for a legend."""
+    return Rectangle((0, 0), 1, 1, facecolor=UNKNOWN, edgecolor="#8b96a1", hatch="////", linewidth=0.5)
+
+
+def plain(text: str) -> str:
+    """Return text that matplotlib shows as it is: no mathematics in dollars, nothing that is no Unicode."""
+    return text.encode("utf-8", "replace").decode("utf-8").replace("$", r"\$")
+
+
+def thin(number: int) -> str:
+    """Return a whole number with thin spaces between its thousands."""
+    return f"{number:,}".replace(",", "\N{THIN SPACE}")
 
 
 def signed(value: float, digits: int) -> str:

@@ -20,6 +20,10 @@ Array = NDArray[np.float64]
 NEGATIVE_HUE_DEG: Final = 252.0
 POSITIVE_HUE_DEG: Final = 42.0
 
+TAKE_OFF_HUE_DEG: Final = 130.0
+LEAVE_HUE_DEG: Final = 305.0
+"""Of a correction, in green and purple: it must not be taken for a deviation."""
+
 _LIGHTNESS: Final = (0.975, 0.63, 0.33)
 """Control points (Bezier) of lightness from zero to the limit; the same on both sides."""
 
@@ -41,13 +45,17 @@ _RGB_FROM_LMS: Final = np.array(
 )
 
 
-def deviation_colours(n: int = 255) -> Array:
+def deviation_colours(
+    n: int = 255, hues_deg: tuple[float, float] = (NEGATIVE_HUE_DEG, POSITIVE_HUE_DEG)
+) -> Array:
     """Return the colours from the most negative to the most positive deviation.
 
     Parameters
     ----------
     n : int
         Odd, so that zero has a colour of its own.
+    hues_deg : (float, float)
+        Oklab hues of the negative and the positive half.
 
     Returns
     -------
@@ -55,8 +63,7 @@ def deviation_colours(n: int = 255) -> Array:
         sRGB, 0 to 1.
     """
     half = n // 2 + 1
-    negative = _half(NEGATIVE_HUE_DEG, half)
-    positive = _half(POSITIVE_HUE_DEG, half)
+    negative, positive = (_half(hue, half) for hue in hues_deg)
     return srgb_from_oklab(np.concatenate([negative[:0:-1], positive]))
 
 

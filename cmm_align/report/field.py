@@ -109,7 +109,15 @@ def draw_points(axes: Axes, alignment: Alignment) -> Line2D | None:
 
 
 def unknown_inside(nominal: Nominal, x_mm: Array, y_mm: Array, field_mm: Array) -> int:
-    """Return how many nodes inside the nominal have no value, those of a ring around the grid included."""
+    """Return how many nodes inside the nominal have no value, those of a ring around the grid included.
+
+    Parameters
+    ----------
+    nominal : Nominal
+    x_mm, y_mm : ndarray, shape (nx,), (ny,), mm
+    field_mm : ndarray, shape (ny, nx), mm
+        NaN where unknown.
+    """
     x_grid, y_grid = np.meshgrid(_one_more(x_mm), _one_more(y_mm))
     inside = nominal.surface.contains(x_grid.ravel(), y_grid.ravel()).reshape(x_grid.shape)
     return int(np.count_nonzero(inside & np.isnan(np.pad(field_mm, 1, constant_values=np.nan))))

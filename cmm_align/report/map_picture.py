@@ -7,36 +7,52 @@ from typing import Final
 
 import matplotlib as mpl
 from matplotlib import patheffects
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
-from cmm_align.model import DeviationMap, Statistics
+from cmm_align.model import DeviationMap, Nominal, Statistics, Verdict
+from cmm_align.provenance import program_version
 from cmm_align.report.canvas import (
     INK,
     SIGN,
     STYLE,
     WIDTH_IN,
+    Chip,
     draw_aperture,
-    draw_field,
     draw_scale,
     dress,
+    footer,
+    hatched_patch,
     header,
+    legend,
     limit_um,
     save,
     sheet,
     signed,
+    thin,
     three_digits,
 )
+from cmm_align.report.field import draw_field, draw_points, unknown_inside
 from cmm_align.surfaces.protocol import Bounds
 from cmm_align.units import UM_PER_MM
 
 _LEFT: Final = 0.08
 _MAP_WIDTH: Final = 0.80
-_HEAD_IN: Final = 0.95
-_FOOT_IN: Final = 0.55
+_HEAD_IN: Final = 1.1
+_VERDICT_IN: Final = 0.2
+_FOOT_IN: Final = 0.84
 _MAX_MAP_IN: Final = 7.2
 
+_CHIPS: Final = {
+    Verdict.PASS: Chip("PASS", "#1d7a3e"),
+    Verdict.FAIL: Chip("FAIL", "#b3261e"),
+    Verdict.UNDECIDED: Chip("UNDECIDED", "#8a5a00"),
+}
 
-def draw_map(deviation_map: DeviationMap, path: Path | str, title: str = "Deviation map") -> None:
+
+def draw_map(
+    deviation_map: DeviationMap, path: Path | str, title: str = "Deviation map", source: str = ""
+) -> None:
     """Write a colour-coded picture of a deviation map as PNG, 1410 pixels wide.
 
     Parameters
@@ -47,29 +63,55 @@ def draw_map(deviation_map: DeviationMap, path: Path | str, title: str = "Deviat
         Written as PNG whatever its suffix.
     title : str
         Headline; shown as it is.
+    source : str
+        Name of the file behind the map, for the foot of the sheet.
     """
     m = deviation_map
     nominal, b = m.alignment.nominal, m.alignment.nominal.surface.bounds
     with mpl.rc_context(STYLE):
         width_in, map_in = map_size(b, _MAP_WIDTH * WIDTH_IN, _MAX_MAP_IN)
-        height_in = map_in + _HEAD_IN + _FOOT_IN
+        chip = _CHIPS.get(m.verdict)
+        height_in = map_in + _HEAD_IN + _FOOT_IN + (0.0 if chip is None else _VERDICT_IN)
         figure = sheet(height_in)
         left = _LEFT + 0.5 * (_MAP_WIDTH - width_in / WIDTH_IN)
         bottom, tall = _FOOT_IN / height_in, map_in / height_in
         axes = figure.add_axes((left, bottom, width_in / WIDTH_IN, tall))
         limit = limit_um(m.deviation_mm)
-        image = draw_field(axes, m.x_mm, m.y_mm, m.deviation_mm, limit)
+        image = draw_field(axes, nominal, m.x_mm, m.y_mm, m.deviation_mm, limit)
         draw_aperture(axes, nominal, image)
+        dots = draw_points(axes, m.alignment)
         dress(axes, nominal)
         mark_extremes(axes, m.statistics, b)
-        draw_scale(
-            figure,
-            image,
-            (left + width_in / WIDTH_IN + 0.015, bottom + 0.06 * tall, 0.017, 0.82 * tall),
-            limit,
-        )
-        header(figure, plain(title), f"deviation from nominal; {SIGN}", head_numbers(m.statistics), height_in)
+        right = left + width_in / WIDTH_IN
+        draw_scale(figure, image, (right + 0.015, bottom + 0.06 * tall, 0.017, 0.82 * tall), limit)
+        marks: list[tuple[Artist, str]] = [] if dots is None else [(dots, "measured point")]
+        if unknown_inside(nominal, m.x_mm, m.y_mm, m.deviation_mm):
+            marks.append((hatched_patch(), "not measured"))
+        legend(figure, marks, right, height_in)
+        single = m.point_statistics
+        lines = [
+            f"deviation from nominal; {SIGN}",
+            f"single points: PV {three_digits(single.pv_mm * UM_PER_MM)} µm, "
+            f"RMS {three_digits(single.rms_mm * UM_PER_MM)} µm, N {thin(single.n)}",
+        ]
+        if chip is not None and m.verdict_lines:
+            lines.append(
+                "; ".join(m.verdict_lines).replace(" um", " µm").replace("<=", "\N{LESS-THAN OR EQUAL TO}")
+            )
+        header(figure, title, lines, head_numbers(m.statistics), height_in, chip)
+        footer(figure, [source, *origin(nominal), f"grid {m.spacing_mm:.4g} mm", version()], height_in)
         save(figure, path)
+
+
+def origin(nominal: Nominal) -> list[str]:
+    """Return what the foot of a picture says of the nominal and the ball."""
+    side = "+z" if nominal.side > 0 else "\N{MINUS SIGN}z"
+    return [f"nominal: {nominal.kind}", f"tip radius {nominal.tip_radius_mm:g} mm, {side} side"]
+
+
+def version() -> str:
+    """Return the name and version of the program, for the foot of a picture."""
+    return f"cmm-align {program_version()}"
 
 
 def map_size(b: Bounds, widest_in: float, highest_in: float) -> tuple[float, float]:
@@ -85,13 +127,8 @@ def head_numbers(statistics: Statistics) -> list[tuple[str, str]]:
     return [
         ("PV, µm", three_digits(statistics.pv_mm * UM_PER_MM)),
         ("RMS, µm", three_digits(statistics.rms_mm * UM_PER_MM)),
-        ("nodes", f"{statistics.n:,}".replace(",", "\N{THIN SPACE}")),
+        ("nodes", thin(statistics.n)),
     ]
-
-
-def plain(text: str) -> str:
-    """Return text that matplotlib shows as it is, dollar signs included."""
-    return text.replace("$", r"\$")
 
 
 def mark_extremes(axes: Axes, statistics: Statistics, b: Bounds, *, size: float = 9.0) -> None:

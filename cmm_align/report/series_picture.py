@@ -15,23 +15,27 @@ from cmm_align.report.canvas import (
     STYLE,
     WIDTH_IN,
     draw_aperture,
-    draw_field,
     draw_scale,
     dress,
+    footer,
+    hatched_patch,
     header,
+    legend,
     limit_um,
+    plain,
     save,
     sheet,
     three_digits,
 )
-from cmm_align.report.map_picture import map_size, mark_extremes, plain
+from cmm_align.report.field import draw_field, unknown_inside
+from cmm_align.report.map_picture import map_size, mark_extremes, origin, version
 from cmm_align.units import UM_PER_MM
 
 _LEFT: Final = 0.062
 _RIGHT: Final = 0.90
 _GAP: Final = 0.025
 _HEAD_IN: Final = 1.5
-_FOOT_IN: Final = 0.55
+_FOOT_IN: Final = 0.84
 _MAX_MAP_IN: Final = 5.0
 
 
@@ -62,7 +66,7 @@ def draw_series(
         for k, (name, m) in enumerate(maps):
             left = _LEFT + k * (room + _GAP)
             axes = figure.add_axes((left, bottom, wide, tall))
-            image = draw_field(axes, m.x_mm, m.y_mm, m.deviation_mm, limit)
+            image = draw_field(axes, nominal, m.x_mm, m.y_mm, m.deviation_mm, limit)
             draw_aperture(axes, nominal, image)
             dress(axes, nominal, y_label=k == 0)
             mark_extremes(axes, m.statistics, b, size=8.0)
@@ -72,15 +76,18 @@ def draw_series(
         bar_left = _LEFT + (len(maps) - 1) * (room + _GAP) + wide + 0.015
         draw_scale(figure, image, (bar_left, bottom + 0.06 * tall, 0.014, 0.80 * tall), limit)
         factor = (
-            first.statistics.rms_mm / last.statistics.rms_mm if last.statistics.rms_mm > 0.0 else float("inf")
+            first.statistics.pv_mm / last.statistics.pv_mm if last.statistics.pv_mm > 0.0 else float("inf")
         )
         header(
             figure,
-            plain(title),
-            f"one scale for all; {SIGN}",
-            [("RMS, first / last", f"{three_digits(factor)}\N{MULTIPLICATION SIGN}")],
+            title,
+            [f"one scale for all; {SIGN}"],
+            [("PV of the map, first / last", f"{factor:.1f}\N{MULTIPLICATION SIGN}")],
             height_in,
         )
+        if any(unknown_inside(nominal, m.x_mm, m.y_mm, m.deviation_mm) for _, m in maps):
+            legend(figure, [(hatched_patch(), "not measured")], bar_left - 0.015, height_in)
+        footer(figure, [*origin(nominal), version()], height_in)
         save(figure, path)
 
 

@@ -145,12 +145,52 @@ def test_a_truncated_hdf5_is_refused(cli: Cli, folder: Path, sample_data: Path, 
     assert not (folder / "x.h5").exists()
 
 
-def test_an_output_that_exists_is_refused_before_anything_is_read(cli: Cli, folder: Path) -> None:
-    (folder / "bad.align.h5").write_text("mine")
-    ran = align(cli, folder, HEAD)  # would be refused with 3 if it were read
+def test_the_real_mistake_is_named_before_an_output_that_exists(
+    cli: Cli, folder: Path, sample_data: Path, part: np.ndarray
+) -> None:
+    kept = folder / "bad.align.h5"
+    kept.write_text("mine")
+    whole = HEAD + rows(part)
 
-    refused(ran, 8, "bad.align.h5", "--overwrite")
-    assert (folder / "bad.align.h5").read_text() == "mine"
+    refused(align(cli, folder, HEAD), 3, "bad.csv")
+    refused(align(cli, folder, HEAD + rows(part * 25.4)), 3, "unit")
+    align(cli, folder, whole)
+    refused(cli("align", folder / "bad.csv", sample_data / "nominal.csv"), 2, "tip radius")
+    refused(cli("align", folder / "no.csv", folder / "nominal.h5", "-o", kept), 3, "cannot read")
+    refused(align(cli, folder, whole), 8, "bad.align.h5", "--overwrite")
+    refused(align(cli, folder, whole, "--overwrite"), 8, "not a file of cmm-align", "another name")
+    assert kept.read_text() == "mine"
+
+
+def test_a_stage_file_has_the_name_of_one(cli: Cli, folder: Path, sample_data: Path) -> None:
+    output = folder / "result.csv"
+
+    refused(cli("align", sample_data / "part.csv", folder / "nominal.h5", "-o", output), 2, ".h5 or .hdf5")
+    assert not output.exists()
+
+
+def test_a_folder_is_no_file_of_points(cli: Cli, folder: Path) -> None:
+    refused(cli("align", folder, folder / "nominal.h5"), 3, "is a folder", "expected a file of points")
+    refused(cli("align", ".", folder / "nominal.h5"), 3, "is a folder")
+    refused(cli("error-map", folder), 3, "is a folder")
+
+
+def test_what_is_no_data_is_called_by_its_name(cli: Cli, folder: Path, sample_data: Path) -> None:
+    refused(cli("info", sample_data / "chain.png"), 3, "is a picture")
+    refused(cli("align", sample_data / "chain.png", folder / "nominal.h5"), 3, "is a picture")
+
+
+def test_a_skipped_step_is_named(cli: Cli, folder: Path, sample_data: Path) -> None:
+    part = sample_data / "part.csv"
+    commanded = folder / "part.comp.xyz"
+    commanded.write_text(HEAD.replace("tip_centre", "commanded").replace("machine", "part") + "1,2,3\n" * 9)
+
+    refused(cli("error-map", part), 3, "it is a point file", "cmm-align align")
+    refused(cli("error-map", folder / "nominal.h5"), 3, "it is a nominal", "which is what error-map takes")
+    refused(cli("error-map", sample_data / "nominal.csv"), 3, "it is a nominal", "cmm-align offset")
+    refused(cli("compensate", commanded), 3, "give the .h5 file beside it")
+    commanded.with_suffix(".h5").write_text("")
+    refused(cli("compensate", commanded), 3, f"give {commanded.with_suffix('.h5')}")
 
 
 def test_a_missing_folder_is_refused(cli: Cli, folder: Path, sample_data: Path) -> None:
@@ -190,12 +230,38 @@ def test_an_output_is_never_an_input(cli: Cli, folder: Path) -> None:
         ["align", "a.csv", "b.h5", "--distance", "fast"],
         ["nonsense"],
         ["align", "a.csv", "b.h5", "--nonsense"],
-        ["align", "a.csv", "b.h5", "-q", "--json"],
     ],
     ids=" ".join,
 )
 def test_usage_is_explained_in_one_line(cli: Cli, arguments: list[str]) -> None:
     refused(cli(*arguments), 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["align", "x.csv"], "two files are needed: MEASURED NOMINAL"),
+        (["align"], "two files are needed: MEASURED NOMINAL"),
+        (["alin", "x.csv"], "did you mean align?"),
+        (["errormap"], "did you mean error-map?"),
+        (["qqqqqq"], "known are offset, align"),
+    ],
+)
+def test_usage_errors_say_what_is_meant(cli: Cli, arguments: list[str], word: str) -> None:
+    refused(cli(*arguments), 2, word)
+
+
+def test_with_json_an_error_is_an_object_too(cli: Cli, folder: Path) -> None:
+    ran = cli("align", folder / "no.csv", folder / "nominal.h5", "--json")
+    found = ran.json
+
+    assert ran.code == found["exit_code"] == 3
+    assert len(ran.err.splitlines()) == 1
+    assert found["command"] == "align"
+    assert set(found) == {"command", "version", "error", "exit_code"}
+    assert set(found["error"]) == {"what", "where", "expected", "remedy"}
+    assert found["error"]["where"] == str(folder / "no.csv")
+    assert cli("alin", "--json").json["exit_code"] == 2
 
 
 def test_an_unknown_key_names_the_nearest(cli: Cli, folder: Path, sample_data: Path) -> None:

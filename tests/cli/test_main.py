@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from conftest import Ran
 
 import cmm_align
 from cmm_align.cli import main
+from cmm_align.cli.show import for_terminal
 
 Cli = Callable[..., Ran]
 
@@ -119,3 +122,50 @@ def test_the_public_api_is_there() -> None:
     assert set(cmm_align.__all__) <= set(dir(cmm_align))
     with pytest.raises(AttributeError, match="nothing"):
         cmm_align.nothing  # noqa: B018 - the access is the test
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode elsewhere")
+def test_a_stream_that_cannot_show_a_name_stops_nothing(sample_data: Path, tmp_path: Path) -> None:
+    odd = os.fsencode(tmp_path) + b"/p\xff.csv"
+    Path(os.fsdecode(odd)).write_bytes((sample_data / "part.csv").read_bytes())
+    plain = {**os.environ, "PYTHONIOENCODING": "ascii:strict"}
+    start = [sys.executable, "-m", "cmm_align"]
+    aligned = subprocess.run(
+        [*start, "align", odd, sample_data / "nominal.h5"], capture_output=True, env=plain, check=False
+    )
+    missing = subprocess.run([*start, "info", odd + b"x"], capture_output=True, env=plain, check=False)
+
+    assert aligned.returncode == 0, aligned.stderr
+    assert b"p?.align.h5" in aligned.stdout
+    assert missing.returncode == 3
+    assert len(missing.stderr.splitlines()) == 1
+
+
+def test_a_bug_report_survives_any_name(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(main.cmm_align, "invoke", raising(ZeroDivisionError()))
+    ran = cli("info", "p\udcff")
+    report = Path(ran.err.split()[-1])
+    text = report.read_text()
+    report.unlink()
+
+    assert ran.code == 1
+    assert "arguments: info p\\udcff" in text
+
+
+@pytest.mark.parametrize(("encoding", "sign"), [("utf-8", "\N{MICRO SIGN}"), ("ascii", "u")])
+def test_a_terminal_gets_the_micro_sign_where_it_can_show_it(encoding: str, sign: str) -> None:
+    class Terminal(io.StringIO):
+        def __init__(self) -> None:
+            super().__init__()
+            self.tty = True
+
+        encoding = property(lambda _: encoding)
+
+        def isatty(self) -> bool:
+            return self.tty
+
+    stream = Terminal()
+    text = "PV 4.5 um, rx 3 urad, um/part.csv"
+    assert for_terminal(text, stream) == f"PV 4.5 {sign}m, rx 3 {sign}rad, um/part.csv"
+    stream.tty = False
+    assert for_terminal(text, stream) == text

@@ -6,9 +6,11 @@ import pytest
 from matplotlib.image import imread
 from truth_maps import WINDOW, Quadric, aligned, form_error_mm, random_places
 
-from cmm_align.report.canvas import limit_um, signed, three_digits
+from cmm_align.config import ErrorMapConfig
+from cmm_align.report.canvas import STYLE, limit_um, sheet, signed, three_digits
 from cmm_align.report.correction_picture import draw_correction
-from cmm_align.report.deviation_colours import deviation_colours
+from cmm_align.report.deviation_colours import LEAVE_HUE_DEG, TAKE_OFF_HUE_DEG, deviation_colours
+from cmm_align.report.field import draw_field, unknown_inside
 from cmm_align.report.map_picture import draw_map
 from cmm_align.report.series_picture import draw_series
 from cmm_align.stages.compensate import compensate
@@ -65,6 +67,36 @@ def test_plus_and_minus_are_told_apart_by_the_colour_blind(kind):
     assert apart[:100].min() > 0.1  # five just noticeable differences (0.02)
 
 
+@pytest.mark.parametrize("kind", DICHROMATS)
+def test_take_off_and_leave_are_told_apart_by_the_colour_blind_too(kind):
+    colours = deviation_colours(255, (TAKE_OFF_HUE_DEG, LEAVE_HUE_DEG))
+    seen = oklab(np.clip(linear(colours) @ np.array(DICHROMATS[kind]).T, 0.0, 1.0))
+    assert np.linalg.norm(seen - seen[::-1], axis=1)[:100].min() > 0.1
+
+
+@pytest.mark.parametrize("nodes", [8, 70])
+def test_a_drawn_field_stays_within_its_nodes_and_reaches_the_border(nodes):
+    nominal = aligned(WINDOW, form_error_mm, random_places(WINDOW, 50)).nominal
+    b = nominal.surface.bounds
+    step_x, step_y = (b.x_max - b.x_min) / nodes, (b.y_max - b.y_min) / nodes
+    x = b.x_min + step_x * (np.arange(nodes) + 0.7)  # uneven gaps to the border, both under a step
+    y = b.y_min + step_y * (np.arange(nodes) + 0.3)
+    field = np.where(np.add.outer(np.arange(nodes), np.arange(nodes)) % 2, -2e-3, 3e-3)
+    field[0, 0] = np.nan
+    with mpl.rc_context(STYLE):
+        axes = sheet(5.0).add_axes((0.1, 0.1, 0.8, 0.8))
+        image = draw_field(axes, nominal, x, y, field, 3.0)
+    shown = image.get_array()
+    assert shown.min() >= -2.0 - 1e-9
+    assert shown.max() <= 3.0 + 1e-9
+    left, right, low, high = image.get_extent()
+    factor = shown.shape[1] / (right - left) * step_x / step_x
+    column = int((b.x_max - left) * factor) - 1
+    assert not shown.mask[shown.shape[0] // 2, column]
+    assert unknown_inside(nominal, x, y, field) >= 1
+    assert (low, high) == pytest.approx((y[0] - 1.5 * step_y, y[-1] + 1.5 * step_y))
+
+
 def test_positive_is_red_and_negative_is_blue():
     colours = deviation_colours(255)
     assert colours[50, 2] > colours[50, 0]
@@ -81,6 +113,13 @@ def test_pictures_are_drawn_at_full_width_and_leave_no_global_trace(a_map, tmp_p
         picture = imread(tmp_path / name, format="png")
         assert picture.shape[1] == 1410
         assert picture[..., :3].std() > 0.05
+
+
+def test_a_verdict_a_source_and_a_long_odd_name_fit_on_the_sheet(tmp_path):
+    alignment = aligned(WINDOW, form_error_mm, random_places(WINDOW, 2000), noise_mm=3e-4)
+    judged = error_map(alignment, ErrorMapConfig(tolerance_pv_um=1.0, tolerance_rms_um=50.0))
+    draw_map(judged, tmp_path / "a.png", title="a very long name " * 9 + "\udcff", source="part.align.h5")
+    assert imread(tmp_path / "a.png").shape[1] == 1410
 
 
 def test_the_same_map_gives_the_same_bytes(a_map, tmp_path):

@@ -30,10 +30,14 @@ def test_an_alignment_is_told_in_um_with_n(alignment):
 
 def test_a_map_shows_verdict_extremes_ladder_and_side(alignment):
     m = error_map(alignment, ErrorMapConfig(tolerance_pv_um=1.0))
-    rows = dict(summary.of_map(m))
-    assert rows["verdict"] == "FAIL"
-    assert rows["PV"] == f"{m.statistics.pv_mm * 1e3:.3f} um"
+    rows = dict([*summary.of_map(m), *summary.details_of_map(m)])
+    word, reasons = summary.verdict_of(m)
+    assert word == "FAIL"
+    assert reasons[0].startswith("PV ")
+    assert summary.verdict_of(error_map(alignment)) == ("", ())
+    assert rows["PV"].startswith(f"{m.statistics.pv_mm * 1e3:.3f} um")
     assert rows["without piston and tilt"].endswith("RMS 0.000 um")
+    assert "% of the nominal's area" in rows["coverage"]
     assert "-z side" in rows["sign"]
 
 
@@ -43,16 +47,34 @@ def test_a_correction_shows_before_after_and_the_reason(alignment):
     assert rows["another pass"] == c.reason
     assert rows["now"].startswith("PV ")
     assert rows["pass"] == "1, gain 1"
+    text = " ".join(value for _, value in summary.of_correction(c))
+    assert "- = take off, + = leave or raise" in text
+    assert "come on top" in text
+    assert text.isascii()
 
 
 def test_a_nominal_shows_its_quality(alignment):
     quality = NominalQuality(1000, 42.5, None, None, True, 1400.0, 0.003, 0.01, (0.5, 0.5), 5)
     rows = dict(summary.of_nominal(replace(alignment.nominal, quality=quality)))
     assert rows["steepest slope"] == "42.50 deg"
+    assert rows["points"] == "1000, spacing 0.500 mm x 0.500 mm"
     assert rows["surface error"] == "0.003 nm PV (spline of degree 5); flat facets 1.4 um PV"
     assert rows["tightest bowl"].startswith("none")
+    dome = replace(quality, min_concave_radius_mm=29_090.0)
+    assert (
+        dict(summary.of_nominal(replace(alignment.nominal, quality=dome)))["tightest bowl"] == "radius 29.1 m"
+    )
     bowl = replace(quality, min_concave_radius_mm=12.5, min_concave_at_mm=(1.0, -2.0), regular=False)
     rows = dict(summary.of_nominal(replace(alignment.nominal, quality=bowl)))
     assert rows["tightest bowl"].startswith("radius 12.5 mm at (+1.00, ")
     assert "NOT regular" in rows["equidistant"]
     assert len(summary.of_nominal(alignment.nominal)) == 2
+
+
+def test_uncertainties_are_calm_numbers_in_the_unit_of_their_size(alignment):
+    sigma = {"tx_um": 1700.0, "ty_um": 3.46, "rz_urad": 343.0, "rx_urad": 0.0, "ry_urad": np.inf}
+    wild = replace(alignment, report=replace(alignment.report, pose_sigma=sigma))
+    text = dict(summary.of_alignment(wild))["uncertainty (k=1)"]
+    assert text == "tx 1.7 mm, ty 3.5 um, rz 340 urad, rx 0 urad, ry unknown"
+    rows = dict(summary.details_of_alignment(wild))
+    assert {"rotation vector", "stopped", "two paths differ by"} <= set(rows)
