@@ -41,6 +41,9 @@ SINGLE_IMPORTER = {
     "h5py": "io",
     "serial": "device",
     "matplotlib": "report",
+    "trimesh": "formats",
+    "OCP": "formats",
+    "startinpy": "surfaces",
     "click": "cli",
     "rich": "cli",
 }

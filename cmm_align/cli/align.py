@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from cmm_align.model import Nominal, PointSet
     from cmm_align.pose import Pose
 
+SIDE_SIGNS = {"+z": 1, "-z": -1}
+NO_BALL_MM = 1e-3
+"""Tip radius where contact points are laid on a raw nominal: no ball is needed, and none so small matters."""
+
 TEXT = """Best-fit pose of MEASURED on NOMINAL, with deviations and contact points.
 
 MEASURED holds tip centres as the machine reports them, in one file or several of one clamping.
@@ -31,13 +35,27 @@ needed within about 30 mm and 30 degrees.
 @click.argument("measured", type=FILE, nargs=-1, metavar="MEASURED...")
 @click.argument("nominal", type=FILE, required=False, metavar="NOMINAL")
 @click.option("--tip-radius", type=Length(), metavar="R", help=f"{TIP_RADIUS_HELP} For a raw nominal.")
+@click.option(
+    "--side", type=click.Choice(["+z", "-z"]), help="Side of the probe, for a raw nominal.  [default: +z]"
+)
+@click.option("--face", type=click.IntRange(min=1), metavar="N", help="Face of a raw CAD nominal.")
 @click.option("--contact-points", is_flag=True, help="MEASURED is compensated for the tip already.")
 @click.option(
     "--distance",
     type=click.Choice(["smooth", "facet"]),
     help="Foot point on a smooth surface, or the plane of the triangle.  [default: smooth]",
 )
-@click.option("--iterations", type=click.IntRange(min=1), metavar="N", help="At most so many.  [default: 50]")
+@click.option(
+    "--outliers",
+    type=click.Choice(["reject", "keep"]),
+    help="Touches on dirt: left out of the fit and listed, or kept.  [default: reject]",
+)
+@click.option(
+    "--iterations",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="At most so many; 0 evaluates the start pose.  [default: 50]",
+)
 @click.option(
     "--initial",
     metavar="FILE|identity",
@@ -50,8 +68,11 @@ def command(
     measured: tuple[Path, ...],
     nominal: Path | None,
     tip_radius: float | None,
+    side: str | None,
+    face: int | None,
     contact_points: bool,
     distance: str | None,
+    outliers: str | None,
     iterations: int | None,
     initial: str | None,
     output: Path | None,
@@ -67,18 +88,22 @@ def command(
     config = job.config.align
     if distance is not None:
         config = replace(config, distance=distance)
+    if outliers is not None:
+        config = replace(config, outliers=outliers)
     if iterations is not None:
         config = replace(config, max_iterations=iterations)
-    ball = Ball(tip_radius, contact_points)
+    ball = Ball(tip_radius, contact_points, side, face)
     return finish(job, make_alignment(job, measured, nominal, config, ball, initial=initial, output=output))
 
 
 @dataclass(frozen=True, slots=True)
 class Ball:
-    """What the command line says about the probe."""
+    """What the command line says about the probe and a raw nominal."""
 
     tip_radius_mm: float | None = None
     contact_points: bool = False
+    side: str | None = None
+    face: int | None = None
 
 
 def make_alignment(
@@ -123,7 +148,7 @@ def make_alignment(
         output = beside(measured[0], ".align.h5")
     inputs = [*measured, nominal]
     points = joined([files.read_measured(path, job.units) for path in measured], contact=ball.contact_points)
-    source = files.read_nominal_any(nominal, job.units, config.distance == "facet")
+    source = files.read_nominal_any(nominal, job.units, config.distance == "facet", ball.face)
     _check_ball(source, ball, where=str(nominal))
     if isinstance(source, Nominal) and output.exists():
         check_measured(points, source)  # a wrong unit is the larger mistake: it comes first
@@ -176,6 +201,14 @@ def joined(sets: Sequence[PointSet], *, contact: bool) -> PointSet:
     from cmm_align.errors import WrongStageError
     from cmm_align.model import PointKind, PointSet
 
+    for points in sets if contact else ():
+        if points.kind is PointKind.TIP_CENTRE:
+            raise WrongStageError(
+                "--contact-points, but the file says that these are tip centres",
+                where=points.source,
+                expected="one or the other",
+                remedy="leave the option out, or correct the header of the file",
+            )
     if contact:
         sets = [replace(points, kind=PointKind.CONTACT) for points in sets]
     first = sets[0]
@@ -204,6 +237,12 @@ def _check_ball(source: object, ball: Ball, *, where: str) -> None:
 
     radius = ball.tip_radius_mm
     if isinstance(source, Nominal):
+        if ball.side is not None and SIDE_SIGNS[ball.side] != source.side:
+            raise UsageError(
+                f"--side {ball.side}, but this nominal was offset to the other side",
+                where=where,
+                remedy="leave the option out, or run offset again",
+            )
         if radius is not None and radius != source.tip_radius_mm:
             raise UsageError(
                 f"--tip-radius {radius:g} mm, but this nominal was offset by {source.tip_radius_mm:g} mm",
@@ -222,5 +261,6 @@ def _offset(job: Job, source: object, ball: Ball) -> Nominal:
     """Return a raw nominal with its ball."""
     from cmm_align.stages.offset import offset
 
-    radius_mm = 0.0 if ball.tip_radius_mm is None else ball.tip_radius_mm
-    return offset(source, radius_mm, job.config.offset)  # type: ignore[arg-type]
+    config = job.config.offset if ball.side is None else replace(job.config.offset, side=ball.side)
+    radius_mm = NO_BALL_MM if ball.tip_radius_mm is None else ball.tip_radius_mm
+    return offset(source, radius_mm, config)  # type: ignore[arg-type]

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cmm_align.cli import options
 from cmm_align.cli.job import Job, Outcome, typed
 from cmm_align.cli.options import FILE
+
+if TYPE_CHECKING:
+    from cmm_align.surfaces.mesh import TriangleMesh
 
 Rows = list[tuple[str, str]]
 
@@ -118,18 +121,19 @@ def _theirs(path: Path, units: str | None) -> tuple[dict[str, Any], Rows, Rows, 
     """Return result, rows, details and what to do next for a file of somebody else."""
     from cmm_align import files
     from cmm_align.model import PointSet
+    from cmm_align.surfaces.mesh import TriangleMesh
+    from cmm_align.surfaces.nurbs import NurbsSurface
 
     found = files.read(path, units)
+    follow = typed("cmm-align", "offset", path, "--tip-radius", "R")
+    if isinstance(found, TriangleMesh):
+        return *_mesh(found), [], follow
     if not isinstance(found, PointSet):
+        what = "a CAD face" if isinstance(found, NurbsSurface) else "a prescription"
         bounds = found.bounds  # type: ignore[union-attr]
         size = [bounds.x_max - bounds.x_min, bounds.y_max - bounds.y_min]
-        rows = [("what", "a prescription"), ("aperture", f"{size[0]:g} x {size[1]:g} mm")]
-        return (
-            {"what": "a prescription", "size_mm": size},
-            rows,
-            [],
-            typed("cmm-align", "offset", path, "--tip-radius", "R"),
-        )
+        rows = [("what", what), ("aperture", f"{size[0]:g} x {size[1]:g} mm")]
+        return {"what": what, "size_mm": size}, rows, [], follow
     low, high = found.points_mm.min(axis=0), found.points_mm.max(axis=0)
     result: dict[str, Any] = {
         "what": "points",
@@ -149,3 +153,23 @@ def _theirs(path: Path, units: str | None) -> tuple[dict[str, Any], Rows, Rows, 
         ),
     ]
     return result, rows, [], ""
+
+
+def _mesh(mesh: TriangleMesh) -> tuple[dict[str, Any], Rows]:
+    """Return result and rows for a triangle mesh."""
+    size = (mesh.points_mm.max(axis=0) - mesh.points_mm.min(axis=0)).tolist()
+    n_points, n_triangles = len(mesh.points_mm), len(mesh.triangles)
+    dropped = f", {mesh.n_degenerate} without area dropped" if mesh.n_degenerate else ""
+    rows = [
+        ("what", "a triangle mesh"),
+        ("facets", f"{n_triangles} on {n_points} vertices{dropped}"),
+        ("size", " x ".join(f"{value:.4f}" for value in size) + " mm"),
+    ]
+    result = {
+        "what": "a triangle mesh",
+        "n_points": n_points,
+        "n_triangles": n_triangles,
+        "n_degenerate": mesh.n_degenerate,
+        "size_mm": size,
+    }
+    return result, rows

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome, beside
-from cmm_align.cli.options import FILE, Length, output_option
+from cmm_align.cli.job import Job, Outcome, beside, typed
+from cmm_align.cli.options import FILE, TIP_RADIUS_HELP, Length, output_option
 from cmm_align.config import OffsetConfig
 
 if TYPE_CHECKING:
@@ -27,13 +27,7 @@ tip. With --normals, for parts without a design, it takes the ball off measured 
 
 @options.command("offset", TEXT)
 @click.argument("nominal", type=FILE)
-@click.option(
-    "--tip-radius",
-    type=Length(),
-    required=True,
-    metavar="R",
-    help="Effective radius of the tip (not its diameter).",
-)
+@click.option("--tip-radius", type=Length(), required=True, metavar="R", help=TIP_RADIUS_HELP)
 @click.option(
     "--side", type=click.Choice(["+z", "-z"]), help="Side of the nominal the probe is on.  [default: +z]"
 )
@@ -121,7 +115,7 @@ def make_nominal(
         If the source is a nominal that was offset already.
     """
     from cmm_align import files, io
-    from cmm_align.cli import cautions, record, results
+    from cmm_align.cli import cautions, opening, record, results
     from cmm_align.errors import WrongStageError
     from cmm_align.io.atomic import atomic_path
     from cmm_align.model import Nominal
@@ -137,8 +131,9 @@ def make_nominal(
     )
     wanted = [(plot, drawing), (with_plan, plan_text), (plot and with_plan, plan_drawing)]
     outputs = [output, *(path for asked, path in wanted if asked)]
-    record.check_outputs(job, outputs, [source])
+    opening.check_kind(source, opening.NOMINAL)
     raw = files.read_nominal_any(source, job.units, False, face)
+    record.check_outputs(job, outputs, [source])
     if isinstance(raw, Nominal):
         raise WrongStageError(
             f"it is offset already, by {raw.tip_radius_mm:g} mm",
@@ -175,7 +170,7 @@ def make_nominal(
         result=result,
         rows=rows,
         warnings=cautions.of_nominal(nominal),
-        next_command=f"cmm-align align MEASURED {output}",
+        next_command=typed("cmm-align", "align", "MEASURED", output),
     )
 
 
