@@ -55,6 +55,8 @@ class AlignConfig:
     outliers: str = "reject"
     """reject: points far from the surface and from their neighbours do not steer the fit, and are listed;
     keep: every point on the nominal counts."""
+    trust_me: bool = False
+    """Go on although the data look like a mistake: contact points, a diameter for a radius, wrong side."""
     max_iterations: int = 50
     coarse_points: int = 20_000
     """Points that carry the first iterations; the last ones use all."""

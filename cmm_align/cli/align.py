@@ -50,6 +50,7 @@ needed within about 30 mm and 30 degrees.
     type=click.Choice(["reject", "keep"]),
     help="Touches on dirt: left out of the fit and listed, or kept.  [default: reject]",
 )
+@click.option("--trust-me", is_flag=True, help="Go on although the data look like a mistake.")
 @click.option(
     "--iterations",
     type=click.IntRange(min=0),
@@ -73,6 +74,7 @@ def command(
     contact_points: bool,
     distance: str | None,
     outliers: str | None,
+    trust_me: bool,
     iterations: int | None,
     initial: str | None,
     output: Path | None,
@@ -90,6 +92,8 @@ def command(
         config = replace(config, distance=distance)
     if outliers is not None:
         config = replace(config, outliers=outliers)
+    if trust_me:
+        config = replace(config, trust_me=True)
     if iterations is not None:
         config = replace(config, max_iterations=iterations)
     ball = Ball(tip_radius, contact_points, side, face)

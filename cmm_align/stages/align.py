@@ -2,6 +2,7 @@
 
 1. Find the way: a few points on a light net of facets, from wherever the part lies (the paper's method).
 2. Refine: the same points, orthogonal foot points on the smooth nominal, outliers left out.
+   Ask whether the result looks like one of the usual mistakes (tip radius, side, contact points).
 3. Finish: all points that lie on the nominal and are no outliers, plain least squares.
 4. Check: the deviation once more by a second path, from a smooth surface through the equidistant points.
 
@@ -17,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from cmm_align.config import AlignConfig
-from cmm_align.errors import NumericsError, UsageError
+from cmm_align.errors import NumericsError, UsageError, WrongStageError
 from cmm_align.model import (
     MIN_POINTS,
     Alignment,
@@ -33,6 +34,7 @@ from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
 from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Select, fit, on_the_surface
 from cmm_align.numerics.triangle_net import triangle_net
 from cmm_align.pose import Pose
+from cmm_align.stages.fit_doctor import diagnose, explain_failure
 from cmm_align.stages.plausibility import check_measured
 from cmm_align.stages.pose_uncertainty import covariance_of, pose_sigma, turned
 from cmm_align.stages.second_path import two_path_difference_mm, warnings_of
@@ -55,6 +57,8 @@ ON_SURFACE: Final = 0.5
 """Share of the points that must end on the nominal."""
 ROUGHNESS_FACTOR: Final = 0.2
 """Mean square of the slopes of noise in squares of its PV over the spacing, with a margin of three."""
+
+NO_REPORT: Final = FitReport(0, "", False, (), {}, float("nan"), (), "smooth", 0, 0)
 
 Progress = Callable[[str, float], None]
 
@@ -134,55 +138,68 @@ def align(
         tell("all points", 0.4)
         bend = near.curvature if sampled else None
         result = fit(measure, centred, placement, settings, select=select, curvature=bend)
-    fits = (way, near) if result is near else (way, near, result)
-    done = sum(f.iterations for f in fits)
-    costs = sum((f.costs_mm2 for f in fits), ())
-    _check_fit(result, size, evaluate_only)
+    notes: tuple[str, ...] = ()
+    if not evaluate_only:
+        notes = _consulted(
+            measured, nominal, near, centroid, start or Pose.identity("part", "machine"), config
+        )
+        try:
+            _check_fit(result, size)
+        except NumericsError as failure:
+            raise _explained(failure, measured, nominal, start) from None
     tell("second path", 0.8)
+    bare = _laid(measured, nominal, result, centroid, radius)
+    two_path = two_path_difference_mm(
+        centred, result.placement, result.evaluation.feet, result.evaluation.inside, nominal, radius, config
+    )
+    fits = (way, near) if result is near else (way, near, result)
+    turn = nominal.surface_from_part.inverse()
+    spectral = turned(result.spectral, turn)
+    covariance, correlated = covariance_of(result, centred, length, turn.rotation)
+    inside = result.evaluation.inside
+    middle = bare.part_from_machine.apply(centroid[None])[0]
+    report = FitReport(
+        iterations=sum(f.iterations for f in fits),
+        stop_reason="evaluated only" if evaluate_only else result.stop_reason,
+        converged=result.converged,
+        unobservable=free_motions_in_words(spectral, middle, length),
+        pose_sigma=pose_sigma(covariance, spectral),
+        two_path_difference_nm=two_path * NM_PER_MM,
+        cost_history_mm2=sum((f.costs_mm2 for f in fits), ()),
+        distance=config.distance,
+        n_outside=int(np.count_nonzero(~inside)),
+        n_outliers=int(np.count_nonzero(inside & ~bare.used)),
+        warnings=notes + warnings_of(measured, nominal, inside, inside & ~bare.used),
+        correlated=correlated,
+    )
+    return replace(bare, covariance=frozen_array(covariance), report=report)
 
+
+def _laid(
+    measured: PointSet, nominal: Nominal, result: FitResult, centroid: Array, radius: float
+) -> Alignment:
+    """Return the points as the fit has laid them; what is known of the pose comes on top."""
+    placed = result.placement
     surface_from_machine = Pose(
-        result.placement.rotation,
-        result.placement.position_mm - result.placement.rotation @ centroid,
-        "surface",
-        "machine",
+        placed.rotation, placed.position_mm - placed.rotation @ centroid, "surface", "machine"
     )
     part_from_surface = nominal.surface_from_part.inverse()
     part_from_machine = part_from_surface @ surface_from_machine
     feet, inside = result.evaluation.feet, result.evaluation.inside
-    deviation = np.where(inside, feet.distance_mm, np.nan)
-    used = result.evaluation.used & inside
-    two_path = two_path_difference_mm(centred, result.placement, feet, inside, nominal, radius, config)
     normals = part_from_surface.rotate(feet.normal)
     tips_part = part_from_machine.apply(measured.points_mm)
-    contacts = tips_part - radius * normals
-    covariance, correlated = covariance_of(result, centred, length, part_from_surface.rotation)
-    spectral = turned(result.spectral, part_from_surface)
-    report = FitReport(
-        iterations=done,
-        stop_reason="evaluated only" if evaluate_only else result.stop_reason,
-        converged=result.converged,
-        unobservable=free_motions_in_words(spectral, part_from_machine.apply(centroid[None])[0], length),
-        pose_sigma=pose_sigma(covariance, spectral),
-        two_path_difference_nm=two_path * NM_PER_MM,
-        cost_history_mm2=costs,
-        distance=config.distance,
-        n_outside=int(np.count_nonzero(~inside)),
-        n_outliers=int(np.count_nonzero(inside & ~used)),
-        warnings=warnings_of(measured, nominal, inside, inside & ~used),
-        correlated=correlated,
-    )
     return Alignment(
         nominal=nominal,
         part_from_machine=part_from_machine,
-        covariance=frozen_array(covariance),
+        covariance=frozen_array(np.zeros((6, 6))),
         tip_centre_machine_mm=measured.points_mm,
         tip_centre_part_mm=frozen_array(tips_part),
-        contact_part_mm=frozen_array(contacts),
+        contact_part_mm=frozen_array(tips_part - radius * normals),
         normals=frozen_array(normals),
-        deviation_mm=frozen_array(deviation),
-        used=frozen_array(used, np.bool_),
+        deviation_mm=frozen_array(np.where(inside, feet.distance_mm, np.nan)),
+        used=frozen_array(result.evaluation.used & inside, np.bool_),
         ids=measured.ids,
-        report=report,
+        report=NO_REPORT,
     )
 
 
@@ -255,7 +272,45 @@ def _select(rule: OutlierRule) -> Select:
     return select
 
 
-def _check_fit(result: FitResult, size: float, evaluate_only: bool) -> None:
+def _consulted(
+    measured: PointSet, nominal: Nominal, near: FitResult, centroid: Array, frame: Pose, config: AlignConfig
+) -> tuple[str, ...]:
+    """Ask the fit doctor; refuse on clear evidence of a mistake, pass suspicions on."""
+    placed = near.placement
+    turn = Pose(placed.rotation, placed.position_mm - placed.rotation @ centroid, "surface", "machine")
+    if not _plausible(near, nominal.surface.bounds.diagonal_mm):
+        return ()
+    found = nominal.surface_from_part.inverse() @ turn
+    contact = measured.kind is PointKind.CONTACT
+    seen = diagnose(measured.points_mm, nominal, found, frame, contact=contact)
+    if seen.clear and not config.trust_me:
+        first = seen.clear[0]
+        raise WrongStageError(
+            first.words, where=measured.source, remedy=f"{first.remedy}; --trust-me goes on all the same"
+        )
+    return seen.warnings + tuple(finding.words for finding in seen.clear)
+
+
+def _plausible(result: FitResult, size: float) -> bool:
+    """Return whether a fit has found the part at all."""
+    on = float(np.mean(result.evaluation.inside))
+    return on >= ON_SURFACE and float(np.sqrt(result.evaluation.cost_mm2)) <= LARGEST_RMS * size
+
+
+def _explained(
+    failure: NumericsError, measured: PointSet, nominal: Nominal, start: Pose | None
+) -> NumericsError:
+    """Add what would make the points fit, if anything does."""
+    contact = measured.kind is PointKind.CONTACT
+    reasons = explain_failure(measured.points_mm, nominal, start=start, contact=contact)
+    if not reasons:
+        return failure
+    return NumericsError(
+        failure.what, where=measured.source, remedy=f"{reasons[0].words}; {reasons[0].remedy}"
+    )
+
+
+def _check_fit(result: FitResult, size: float) -> None:
     """Refuse a fit that has found nothing: a refusal is better than a plausible wrong answer."""
     share = float(np.mean(result.evaluation.inside))
     rms = float(np.sqrt(result.evaluation.cost_mm2))
@@ -269,7 +324,7 @@ def _check_fit(result: FitResult, size: float, evaluate_only: bool) -> None:
             f"no fit: the RMS is {rms:.3g} mm on a part of {size:.4g} mm",
             remedy="check the files, the side and the tip radius, or give a start pose with --initial",
         )
-    if not result.converged and not evaluate_only:
+    if not result.converged:
         raise NumericsError(
             f"not converged after {result.iterations} iterations ({result.stop_reason}, RMS {rms:.3g} mm)",
             remedy="give a start pose with --initial",

@@ -1,11 +1,11 @@
 """What an alignment knows of its pose: covariance, sigma of each motion, free motions.
 
-For errors that are independent from point to point the covariance is ``s^2 (J^T J)^-1``. Form error is not: its
-neighbours err alike, and a thousand of them count for few. So the part is cut into blocks, the sums of ``J^T e`` over
-the blocks are compared with what independent errors would give, and where they are significantly larger the
-covariance is made of them instead (a cluster-robust sandwich, never below the simple one). Blocks are a fifth of the
-part: errors that are smoother than that still look smaller than they are. Source: Liang and Zeger 1986,
-doi 10.1093/biomet/73.1.13.
+For errors that are independent from point to point the covariance is ``s^2 (J^T J)^-1``. Form error is not:
+its neighbours err alike, and a thousand of them count for few. So the part is cut into blocks, the sums of
+``J^T e`` over the blocks are compared with what independent errors would give, and where they are
+significantly larger the covariance is made of them instead (a cluster-robust sandwich, never below the simple
+one). Blocks are a fifth of the part: errors that are smoother than that still look smaller than they are.
+Source: Liang and Zeger 1986, doi 10.1093/biomet/73.1.13.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How exact each kind of nominal is, beside its bar: ``python tests/bench/nominals.py [--large]``.
 
-The truth is the virtual window's formula; errors are deviations along the normal at random places. ``--large``
-adds 1.2e6 scattered points and the whole process on 1021 x 1241 nodes.
+The truth is the virtual window's formula; errors are deviations along the normal at random places.
+``--large`` adds 1.2e6 scattered points and the whole process on 1021 x 1241 nodes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ def on_grids() -> list[Row]:
     for step, bar in ((0.1, "<= 1e-4 nm"), (0.5, "<= 0.01 nm")):
         nominal, error, watch = built(grid(step, step))
         border = (np.abs(X) > 51 - 2 * step) | (np.abs(Y) > 31 - 2 * step)
-        note = f"degree {nominal.surface.degree}, stated {nominal.quality.surface_error_pv_nm:.1e} nm, {watch.wall:.1f} s"
+        stated = nominal.quality.surface_error_pv_nm
+        note = f"degree {nominal.surface.degree}, stated {stated:.1e} nm, {watch.wall:.1f} s"
         rows.append(Row(f"grid {step} mm, PV inside", bar, f"{np.ptp(error[~border]):.1e} nm ({note})"))
         rows.append(Row("  within two cells of the border", "<= 1 nm", f"{np.ptp(error[border]):.1e} nm"))
         _, error, _ = built(np.round(grid(step, step), 6))
