@@ -52,6 +52,9 @@ class AlignConfig:
 
     distance: str = "smooth"
     """smooth: orthogonal foot point; facet: the plane of the triangle (the paper's method)."""
+    criterion: str = "least-squares"
+    """least-squares; minimum-zone: smallest largest deviation; least-stock: no deviation below zero, the
+    largest as small as can be (the least to take off so that the part cleans up everywhere)."""
     outliers: str = "reject"
     """reject: points far from the surface and from their neighbours do not steer the fit, and are listed;
     keep: every point on the nominal counts."""

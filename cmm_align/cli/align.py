@@ -46,6 +46,12 @@ needed within about 30 mm and 30 degrees.
     help="Foot point on a smooth surface, or the plane of the triangle.  [default: smooth]",
 )
 @click.option(
+    "--criterion",
+    type=click.Choice(["least-squares", "minimum-zone", "least-stock"]),
+    help="What the best fit makes small: squares, the largest deviation, or the stock to take off so that"
+    " no deviation stays below zero.  [default: least-squares]",
+)
+@click.option(
     "--outliers",
     type=click.Choice(["reject", "keep"]),
     help="Touches on dirt: left out of the fit and listed, or kept.  [default: reject]",
@@ -73,6 +79,7 @@ def command(
     face: int | None,
     contact_points: bool,
     distance: str | None,
+    criterion: str | None,
     outliers: str | None,
     trust_me: bool,
     iterations: int | None,
@@ -90,6 +97,8 @@ def command(
     config = job.config.align
     if distance is not None:
         config = replace(config, distance=distance)
+    if criterion is not None:
+        config = replace(config, criterion=criterion)
     if outliers is not None:
         config = replace(config, outliers=outliers)
     if trust_me:

@@ -162,6 +162,8 @@ def of_alignment(alignment: Alignment) -> dict[str, Any]:
         "unobservable": list(report.unobservable),
         "pose_sigma": dict(report.pose_sigma),
         "two_path_difference_nm": report.two_path_difference_nm,
+        "criterion": report.criterion,
+        "certificate": dict(report.certificate),
         "cost_history_mm2": list(report.cost_history_mm2),
     }
 

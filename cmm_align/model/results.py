@@ -32,6 +32,10 @@ class FitReport:
     n_outliers: int
     warnings: tuple[str, ...] = ()
     """What the operator should know, a sentence each."""
+    criterion: str = "least-squares"
+    certificate: Mapping[str, float] = field(default_factory=dict)
+    """Proof of a minimum zone or least stock: `zone_um` (the value reached), `residual` (how far the proof is
+    from exact, dimensionless) and `n_active` (points that prove it); empty for least squares."""
     correlated: bool = False
     """Whether the covariance was raised because neighbouring points err alike (form error)."""
 

@@ -12,6 +12,7 @@ from cmm_align.model import (
     Alignment,
     Correction,
     DeviationMap,
+    FitReport,
     LadderRung,
     Nominal,
     Statistics,
@@ -79,6 +80,17 @@ def of_alignment(alignment: Alignment) -> Rows:
     return rows
 
 
+def _criterion(report: FitReport) -> str:
+    """Say what the fit made small, and how well that is proved."""
+    if not report.certificate:
+        return report.criterion
+    proof = report.certificate
+    return (
+        f"{report.criterion}, {proof['zone_um']:.4g} um, proved by {proof['n_active']:.0f} points "
+        f"to {proof['residual']:.0e}"
+    )
+
+
 def details_of_alignment(alignment: Alignment) -> Rows:
     """Return what `align` has to say beyond its summary."""
     r = alignment.report
@@ -88,6 +100,7 @@ def details_of_alignment(alignment: Alignment) -> Rows:
         ("stopped", f"after {r.iterations} iterations: {r.stop_reason}"),
         ("distance", r.distance),
         ("two paths differ by", _nm(r.two_path_difference_nm)),
+        ("criterion", _criterion(r)),
     ]
     if r.cost_history_mm2:
         steps = ", ".join(f"{math.sqrt(max(c, 0.0)) * UM_PER_MM:.4g}" for c in r.cost_history_mm2)

@@ -11,7 +11,7 @@ The source paper is Photonics 2025, 12(5), 469, doi 10.3390/photonics12050469, s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -29,6 +29,7 @@ from cmm_align.model import (
     frozen_array,
 )
 from cmm_align.numerics.linearisation import Evaluation, Measure
+from cmm_align.numerics.minimum_zone import least_stock, minimum_zone
 from cmm_align.numerics.observability import free_motions_in_words
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
 from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Select, fit, on_the_surface
@@ -41,10 +42,14 @@ from cmm_align.stages.second_path import two_path_difference_mm, warnings_of
 from cmm_align.stages.way import find_the_way, held_at_the_start
 from cmm_align.surfaces.distance import facet_measure, smooth_measure
 from cmm_align.surfaces.protocol import Array, Mask
-from cmm_align.units import NM_PER_MM, RAD_PER_DEG
+from cmm_align.units import NM_PER_MM, RAD_PER_DEG, UM_PER_MM
 
-DISTANCES: Final = ("smooth", "facet")
-OUTLIERS: Final = ("reject", "keep")
+CHOICES: Final = {
+    "distance": ("smooth", "facet"),
+    "outliers": ("reject", "keep"),
+    "criterion": ("least-squares", "minimum-zone", "least-stock"),
+}
+"""What the settings with names may be."""
 ROBUST_ROUNDS: Final = 12
 """Rounds of fitting and judging the sample; the rule is frozen then."""
 ROUNDING: Final = 1e-9
@@ -106,10 +111,9 @@ def align(
     Sign: a bump outwards is positive. Accuracy tested: noise-free points from 20, 10, 20 mm and 20, 10, 20
     degrees end below 1e-6 nm PV.
     """
-    if config.distance not in DISTANCES:
-        raise UsageError(f"distance {config.distance!r}", expected="smooth or facet")
-    if config.outliers not in OUTLIERS:
-        raise UsageError(f"outliers {config.outliers!r}", expected="reject or keep")
+    for name, known in CHOICES.items():
+        if getattr(config, name) not in known:
+            raise UsageError(f"{name} {getattr(config, name)!r}", expected=", ".join(known))
     check_measured(measured, nominal)
     contact = measured.kind is PointKind.CONTACT
     radius = 0.0 if contact else nominal.tip_radius_mm
@@ -147,6 +151,10 @@ def align(
             _check_fit(result, size)
         except NumericsError as failure:
             raise _explained(failure, measured, nominal, start) from None
+    certificate: Mapping[str, float] = {}
+    if config.criterion != "least-squares" and not evaluate_only:
+        tell(config.criterion, 0.6)
+        result, certificate = _zone(measure, centred, result, settings, config)
     tell("second path", 0.8)
     bare = _laid(measured, nominal, result, centroid, radius)
     two_path = two_path_difference_mm(
@@ -170,6 +178,8 @@ def align(
         n_outside=int(np.count_nonzero(~inside)),
         n_outliers=int(np.count_nonzero(inside & ~bare.used)),
         warnings=notes + warnings_of(measured, nominal, inside, inside & ~bare.used),
+        criterion=config.criterion,
+        certificate=certificate,
         correlated=correlated,
     )
     return replace(bare, covariance=frozen_array(covariance), report=report)
@@ -270,6 +280,32 @@ def _select(rule: OutlierRule) -> Select:
         return now.inside & ~wrong
 
     return select
+
+
+def _zone(
+    measure: Measure, centred: Array, result: FitResult, settings: FitSettings, config: AlignConfig
+) -> tuple[FitResult, Mapping[str, float]]:
+    """Go on from least squares to the criterion asked for; return its proof beside it."""
+    solve = minimum_zone if config.criterion == "minimum-zone" else least_stock
+    now = result.evaluation
+    zone = solve(measure, centred, result.placement, settings, used=now.used & now.inside, previous=now.feet)
+    if not zone.converged:
+        raise NumericsError(
+            f"the {config.criterion} fit did not converge ({zone.stop_reason})",
+            remedy="use --criterion least-squares",
+        )
+    certificate = {
+        "zone_um": zone.t_mm * UM_PER_MM,
+        "residual": float(zone.certificate_residual),
+        "n_active": float(len(zone.active)),
+    }
+    done = result._replace(
+        placement=zone.placement,
+        evaluation=zone.evaluation,
+        iterations=result.iterations + zone.iterations,
+        stop_reason=zone.stop_reason,
+    )
+    return done, certificate
 
 
 def _consulted(

@@ -462,3 +462,30 @@ def test_correlated_errors_raise_the_covariance(window, nominal):
 
     assert raised.mean() > 0.9
     assert np.median(values) < 100.0  # 42; without the blocks it is 367
+
+
+def test_the_minimum_zone_is_never_wider_than_least_squares_and_proves_itself(window, nominal):
+    x, y = places(1500)
+    form = 0.01 * np.sin(x / 17.0) * np.cos(y / 11.0) + np.random.default_rng(1).normal(0, 3e-4, x.size)
+    data = measured(tips(window, x, y, form))
+    squares = align(data, nominal, AlignConfig(outliers="keep"))
+
+    zone = align(data, nominal, AlignConfig(outliers="keep", criterion="minimum-zone"))
+
+    widest = np.abs(zone.deviation_mm).max()
+    assert widest < np.abs(squares.deviation_mm).max()
+    assert zone.report.certificate["zone_um"] == pytest.approx(1e3 * widest, rel=1e-12)
+    assert zone.report.certificate["residual"] < 1e-9
+    assert zone.report.criterion == "minimum-zone"
+
+
+def test_the_least_stock_leaves_no_point_below_the_nominal(window, nominal):
+    x, y = places(1500)
+    form = 0.01 * np.sin(x / 17.0) * np.cos(y / 11.0)
+
+    stock = align(
+        measured(tips(window, x, y, form)), nominal, AlignConfig(outliers="keep", criterion="least-stock")
+    )
+
+    assert stock.deviation_mm.min() > -1e-9
+    assert stock.report.certificate["zone_um"] == pytest.approx(1e3 * stock.deviation_mm.max(), rel=1e-9)
