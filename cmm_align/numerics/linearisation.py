@@ -27,6 +27,7 @@ CHUNK: Final = 16384
 """Points handled at once: temporaries stay in cache. Fixed, so that sums are reproducible."""
 
 _CURVATURE_SAMPLE: Final = 8192
+_GOLDEN: Final = 0.6180339887498949
 
 
 class Measure(NamedTuple):
@@ -63,6 +64,18 @@ class Evaluation(NamedTuple):
 def chunks(n: int) -> Iterator[slice]:
     """Cut n points into slices of `CHUNK`."""
     return (slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK))
+
+
+def even_sample(n: int, most: int) -> NDArray[np.intp]:
+    """Return at most `most` of n indices, evenly spread but in no step with scan lines.
+
+    Each stretch of equal length gives one index, moved within it by the golden ratio: a fixed stride would
+    pick the same columns of every line of a scan.
+    """
+    if n <= most:
+        return np.arange(n)
+    k = np.arange(most)
+    return ((k + (k * _GOLDEN) % 1.0) * (n / most)).astype(np.intp)
 
 
 def in_threads(work: Callable[[slice], T], n: int) -> list[T]:
@@ -155,7 +168,8 @@ def curvature_term(
     -------
     ndarray, shape (6, 6), scaled
     """
-    pick = np.flatnonzero(now.used)[:: max(1, int(np.count_nonzero(now.used)) // _CURVATURE_SAMPLE)]
+    pick = np.flatnonzero(now.used)
+    pick = pick[even_sample(len(pick), _CURVATURE_SAMPLE)]
     if len(pick) == 0:
         return np.zeros((6, 6))
     feet = Feet(*(a[pick] for a in now.feet))

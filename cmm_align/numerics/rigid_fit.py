@@ -42,7 +42,7 @@ _LINEAR: Final = 1e-15
 _RECOUNT: Final = (1e-6, 1e-3)
 """Which points count is decided anew only after steps of this share of the size: after larger ones a
 cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays."""
-_OF_SIGMA: Final = 1e-2
+_OF_SIGMA: Final = 0.03
 """After a sample, an error this small beside the standard uncertainty of the pose is no error."""
 _ROUNDING: Final = 64.0 * float(np.finfo(np.float64).eps)
 """Residuals below this share of the part's size are rounding: nothing is left to gain."""

@@ -28,7 +28,7 @@ from cmm_align.model import (
     PointSet,
     frozen_array,
 )
-from cmm_align.numerics.linearisation import Evaluation, Measure
+from cmm_align.numerics.linearisation import Evaluation, Measure, even_sample
 from cmm_align.numerics.minimum_zone import least_stock, minimum_zone
 from cmm_align.numerics.observability import free_motions_in_words
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
@@ -128,7 +128,7 @@ def align(
 
     tell("finding the way", 0.0)
     evaluate_only = config.max_iterations == 0
-    few = centred[:: max(1, -(-len(centred) // config.coarse_points))]
+    few = centred[even_sample(len(centred), config.coarse_points)]
     way_start, way = find_the_way(few, centroid, nominal, radius, settings, start)
     tell("refining", 0.2)
     sampled = len(few) < len(centred)

@@ -13,9 +13,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmm_align.numerics.foot_point import Feet
-from cmm_align.numerics.linearisation import in_threads, moved, rows_of
+from cmm_align.numerics.linearisation import even_sample, moved, rows_of
 from cmm_align.numerics.observability import Spectrum, uncertain_axes
 from cmm_align.numerics.rigid_fit import FitResult
 from cmm_align.pose import Pose
@@ -24,6 +25,8 @@ from cmm_align.units import UM_PER_MM, URAD_PER_RAD
 
 BLOCKS: Final = 5
 """Blocks along each side."""
+SAMPLE: Final = 100_000
+"""Points that the blocks are summed over."""
 SIGNIFICANT: Final = 4.0
 """Standard deviations by which the block sums must exceed those of independent errors."""
 
@@ -54,41 +57,45 @@ def covariance_of(
     used = result.evaluation.used
     n, k = max(int(np.count_nonzero(used)), 1), int(np.count_nonzero(keep))
     variance = result.evaluation.cost_mm2 * n / max(n - k, 1)
-    excess = np.eye(k)
+    share = np.eye(k) / n
     correlated = False
     if variance > 0.0 and k > 0 and n > 4 * BLOCKS**2:
-        sums, filled = _block_sums(result, centred, length)
-        whitened = root.T @ sums / np.sqrt(n * variance)  # unit variance each, if errors are independent
+        sums, filled, counted = _block_sums(result, centred, length)
+        whitened = root.T @ sums / np.sqrt(counted * variance)  # unit variance, if errors are independent
         found = whitened @ whitened.T
         correlated = float(np.trace(found)) / k > 1.0 + SIGNIFICANT * float(np.sqrt(2.0 / (k * filled)))
         if correlated:
             values, vectors = np.linalg.eigh(found)
-            excess = (vectors * np.maximum(values, 1.0)) @ vectors.T
-    scaled = root @ excess @ root.T * (variance / n)
+            share = (vectors * np.maximum(values / counted, 1.0 / n)) @ vectors.T
+    scaled = root @ share @ root.T * variance
     unscale = np.diag([1.0 / length] * 3 + [1.0] * 3)
     turn = np.kron(np.eye(2), part_from_surface)
     covariance: Array = turn @ unscale @ scaled @ unscale @ turn.T
     return covariance, correlated
 
 
-def _block_sums(result: FitResult, centred: Array, length: float) -> tuple[Array, int]:
-    """Return ``J^T e`` summed over each block, shape (6, blocks), scaled, and how many blocks hold points."""
-    feet, used = result.evaluation.feet, result.evaluation.used
-    x, y = feet.x_mm[used], feet.y_mm[used]
-    low = np.array([x.min(), y.min()])
-    step = np.maximum(np.array([np.ptp(x), np.ptp(y)]), 1e-300) / BLOCKS * (1.0 + 1e-9)
+def _block_sums(result: FitResult, centred: Array, length: float) -> tuple[Array, int, int]:
+    """Return ``J^T e`` summed over each block, shape (6, blocks), scaled, the blocks and points behind it.
 
-    def work(part: slice) -> Array:
-        counts = used[part]
-        chosen = Feet(*(a[part][counts] for a in feet))
-        rows = rows_of(moved(centred[part][counts], result.placement), result.placement, chosen, length)
-        block = ((chosen.y_mm - low[1]) / step[1]).astype(np.intp) * BLOCKS
-        block += ((chosen.x_mm - low[0]) / step[0]).astype(np.intp)
-        weights = [*(row * rows[6] for row in rows[:6]), np.ones(len(block))]
-        return np.stack([np.bincount(block, weight, BLOCKS**2) for weight in weights])
+    An even sample of many points says as much about neighbours as all of them.
+    """
+    pick = np.flatnonzero(result.evaluation.used)
+    pick = pick[even_sample(len(pick), SAMPLE)]
+    feet = Feet(*(a[pick] for a in result.evaluation.feet))
+    p = moved(centred[pick], result.placement)
+    rows = rows_of(p, result.placement, feet, length)
+    block = _cell(feet.y_mm) * BLOCKS + _cell(feet.x_mm)
+    sums: Array = np.stack(
+        [np.bincount(block, row * rows[6], BLOCKS**2).astype(np.float64) for row in rows[:6]]
+    )
+    return sums, len(np.unique(block)), len(pick)
 
-    total = np.sum(np.stack(in_threads(work, len(centred))), axis=0)
-    return total[:6], int(np.count_nonzero(total[6]))
+
+def _cell(places_mm: Array) -> NDArray[np.intp]:
+    """Return the block of each place along one axis."""
+    span = max(float(np.ptp(places_mm)), 1e-300) * (1.0 + 1e-9)
+    cell: NDArray[np.intp] = ((places_mm - places_mm.min()) / span * BLOCKS).astype(np.intp)
+    return cell
 
 
 def pose_sigma(covariance: Array, spectral: Spectrum) -> dict[str, float]:

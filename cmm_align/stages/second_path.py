@@ -9,7 +9,7 @@ import numpy as np
 from cmm_align.config import AlignConfig
 from cmm_align.model import Nominal, PointKind, PointSet
 from cmm_align.numerics.foot_point import Feet, foot_points
-from cmm_align.numerics.linearisation import Placement, in_threads, moved
+from cmm_align.numerics.linearisation import Placement, even_sample, in_threads, moved
 from cmm_align.surfaces.equidistant import limits_of
 from cmm_align.surfaces.protocol import Array, Mask, Surface
 
@@ -44,7 +44,7 @@ def two_path_difference_mm(
         Tip radius, mm; 0 for contact points.
     config : AlignConfig
     """
-    pick = slice(None, None, -(-len(centred) // TWO_PATH_POINTS))
+    pick = even_sample(len(centred), TWO_PATH_POINTS)
     centred, inside, feet = centred[pick], inside[pick], Feet(*(a[pick] for a in feet))
     facet = config.distance == "facet"
     other: Surface | None = nominal.surface if facet else nominal.equidistant_surface

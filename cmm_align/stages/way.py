@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from cmm_align.model import Nominal
-from cmm_align.numerics.linearisation import Measure, Placement, evaluate
+from cmm_align.numerics.linearisation import Measure, Placement, evaluate, even_sample
 from cmm_align.numerics.observability import spectrum
 from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, without_free_drift
@@ -62,7 +62,7 @@ def find_the_way(
     way : FitResult
         Where it ended.
     """
-    few = few[:: -(-len(few) // WAY_POINTS)]
+    few = few[even_sample(len(few), WAY_POINTS)]
     net = light_net(nominal.surface, nominal.side, radius)
     measure = facet_measure(net, nominal.side)
     surface_from_part = nominal.surface_from_part
