@@ -52,6 +52,8 @@ class AlignConfig:
 
     distance: str = "smooth"
     """smooth: orthogonal foot point; facet: the plane of the triangle (the paper's method)."""
+    search: str = "auto"
+    """Search all poses: auto (where the start may have led astray and none was given), always, never."""
     criterion: str = "least-squares"
     """least-squares; minimum-zone: smallest largest deviation; least-stock: no deviation below zero, the
     largest as small as can be (the least to take off so that the part cleans up everywhere)."""

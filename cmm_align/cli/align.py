@@ -26,8 +26,8 @@ NO_BALL_MM = 1e-3
 TEXT = """Best-fit pose of MEASURED on NOMINAL, with deviations and contact points.
 
 MEASURED holds tip centres as the machine reports them, in one file or several of one clamping.
-NOMINAL is what `offset` wrote; a raw nominal will do if --tip-radius is given. Rough alignment is not
-needed within about 30 mm and 30 degrees.
+NOMINAL is what `offset` wrote; a raw nominal will do if --tip-radius is given. The part may lie on the
+table in any place and orientation.
 """
 
 
@@ -65,8 +65,9 @@ needed within about 30 mm and 30 degrees.
 )
 @click.option(
     "--initial",
-    metavar="FILE|identity",
-    help="Start from a 4x4 matrix part_from_machine (text), from an earlier alignment, or as it lies.",
+    metavar="FILE|identity|search",
+    help="Start from a 4x4 matrix part_from_machine (text), from an earlier alignment, as it lies, or from a"
+    " search over all poses.  [default: as it lies, and a search where that is not good enough]",
 )
 @output_option("<measured>.align.h5")
 def command(
@@ -101,6 +102,8 @@ def command(
         config = replace(config, criterion=criterion)
     if outliers is not None:
         config = replace(config, outliers=outliers)
+    if initial == "search":
+        config, initial = replace(config, search="always"), None
     if trust_me:
         config = replace(config, trust_me=True)
     if iterations is not None:

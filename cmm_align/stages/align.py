@@ -1,6 +1,7 @@
 """Stage 2, align: the rigid motion that lays the measured tip centres on the equidistant surface.
 
-1. Find the way: a few points on a light net of facets, from wherever the part lies (the paper's method).
+1. Find the way: a few points on a light net of facets (the paper's method), from the frame as it is; where
+   that may have led astray, a search over all poses.
 2. Refine: the same points, orthogonal foot points on the smooth nominal, outliers left out.
    Ask whether the result looks like one of the usual mistakes (tip radius, side, contact points).
 3. Finish: all points that lie on the nominal and are no outliers, plain least squares.
@@ -47,6 +48,7 @@ from cmm_align.units import NM_PER_MM, RAD_PER_DEG, UM_PER_MM
 CHOICES: Final = {
     "distance": ("smooth", "facet"),
     "outliers": ("reject", "keep"),
+    "search": ("auto", "always", "never"),
     "criterion": ("least-squares", "minimum-zone", "least-stock"),
 }
 """What the settings with names may be."""
@@ -87,8 +89,8 @@ def align(
         With its equidistant surface; its net too for ``distance = "facet"``.
     config : AlignConfig
     start : Pose, optional
-        ``part_from_machine`` to start from; without it the frames are taken to be near each other, or the
-        cloud is moved onto the nominal first if they are not.
+        ``part_from_machine`` to start from; without it the machine's frame, and a search over all poses
+        where that is not good enough.
     progress : callable, optional
         Told what is going on and the share that is done.
 
@@ -129,7 +131,7 @@ def align(
     tell("finding the way", 0.0)
     evaluate_only = config.max_iterations == 0
     few = centred[even_sample(len(centred), config.coarse_points)]
-    way_start, way = find_the_way(few, centroid, nominal, radius, settings, start)
+    way_start, way, ties = find_the_way(few, centroid, nominal, radius, settings, start, config.search)
     tell("refining", 0.2)
     sampled = len(few) < len(centred)
     begun = replace(settings, tolerance=SAMPLE_TOLERANCE) if sampled else settings
@@ -142,9 +144,9 @@ def align(
         tell("all points", 0.4)
         bend = near.curvature if sampled else None
         result = fit(measure, centred, placement, settings, select=select, curvature=bend)
-    notes: tuple[str, ...] = ()
+    notes = ties
     if not evaluate_only:
-        notes = _consulted(
+        notes += _consulted(
             measured, nominal, near, centroid, start or Pose.identity("part", "machine"), config
         )
         try:

@@ -11,14 +11,21 @@ from typing import Final
 
 import numpy as np
 
+from cmm_align.errors import GeometryError
 from cmm_align.model import Nominal
 from cmm_align.numerics.linearisation import Measure, Placement, evaluate, even_sample
 from cmm_align.numerics.observability import spectrum
 from cmm_align.numerics.outliers import MAD_SIGMA
+from cmm_align.numerics.pose_evidence import equal_factor
+from cmm_align.numerics.pose_search import search as search_poses
+from cmm_align.numerics.pose_verdicts import good_enough, is_mirrored, near_ties
 from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, without_free_drift
+from cmm_align.numerics.rotations import vector_from_rotation
+from cmm_align.numerics.triangle_net import TriangleNet
 from cmm_align.pose import Pose
-from cmm_align.surfaces.distance import facet_measure, light_net
+from cmm_align.surfaces.distance import facet_measure, light_net, smooth_measure
 from cmm_align.surfaces.protocol import Array, Mask
+from cmm_align.units import DEG_PER_RAD, UM_PER_MM
 
 COARSE_TOLERANCE: Final = 1e-3
 """The light net is left when a step moves nothing by more than this share of the size."""
@@ -29,6 +36,10 @@ WAY_POINTS: Final = 5000
 """Points that are enough to find the way."""
 TRIMS: Final = 6
 """Rounds in which stray points are left out while the way is found."""
+MIRROR_RMS: Final = 1e-3
+"""Below this share of the size a fit is not suspected to be that of a mirror image."""
+TIE_TOLERANCE: Final = 1e-6
+TURN_DEG: Final = 1.0
 NEAR: Final = 0.25
 """Share of the points over the nominal from which on both frames are taken to be near each other."""
 
@@ -40,7 +51,8 @@ def find_the_way(
     radius: float,
     settings: FitSettings,
     start: Pose | None,
-) -> tuple[Placement, FitResult]:
+    search: str = "auto",
+) -> tuple[Placement, FitResult, tuple[str, ...]]:
     """Bring the cloud near the nominal on a light net of facets; every point counts, wherever it lies.
 
     Parameters
@@ -54,13 +66,23 @@ def find_the_way(
     settings : FitSettings
     start : Pose or None
         ``part_from_machine`` to start from.
+    search : str
+        Whether to search all poses: auto (if the start alone may have led astray and none was given),
+        always, never.
 
     Returns
     -------
     start : Placement
-        Where it began.
+        Where it began: motions that the data cannot tell are held there.
     way : FitResult
         Where it ended.
+    notes : tuple of str
+        Other positions that fit nearly as well, with both residuals.
+
+    Raises
+    ------
+    GeometryError
+        If the cloud is mirrored.
     """
     few = few[even_sample(len(few), WAY_POINTS)]
     net = light_net(nominal.surface, nominal.side, radius)
@@ -88,7 +110,74 @@ def find_the_way(
         way = again._replace(
             iterations=way.iterations + again.iterations, costs_mm2=way.costs_mm2 + again.costs_mm2
         )
-    return placement, way
+    if search == "never" or (search == "auto" and start is not None) or settings.max_iterations == 0:
+        return placement, way, ()
+    exact = smooth_measure(nominal.surface, nominal.side, radius)
+    facet_error = _facet_error_mm(net, exact)
+    if search == "auto" and good_enough(
+        measure, few, net.points_mm, way.placement, way.evaluation, settings, facet_error
+    ):
+        return placement, way, ()
+    return _searched(measure, exact, few, net, settings, placement, facet_error)
+
+
+def _facet_error_mm(net: TriangleNet, exact: Measure) -> float:
+    """Return the rms distance of the middles of some facets from the surface, mm."""
+    middles = net.points_mm[net.triangles[:: max(1, len(net.triangles) // 500)]].mean(axis=1)
+    distance = exact.distance(middles, None)[0].distance_mm
+    return float(np.sqrt(np.nanmean(distance**2)))
+
+
+def _searched(
+    measure: Measure,
+    exact: Measure,
+    few: Array,
+    net: TriangleNet,
+    settings: FitSettings,
+    start: Placement,
+    facet_error_mm: float,
+) -> tuple[Placement, FitResult, tuple[str, ...]]:
+    """Search all poses; let smooth fits settle what facets cannot, and say what stays open.
+
+    Raises
+    ------
+    GeometryError
+        If the cloud fits as its own mirror image only.
+    """
+    found = search_poses(measure, few, net.points_mm, settings, start=start)
+    best = found[0]
+    if best.rms_mm > MIRROR_RMS * settings.size_mm and is_mirrored(
+        measure, few, net.points_mm, settings, best
+    ):
+        raise GeometryError(
+            "the cloud is mirrored",
+            expected="right-handed coordinates",
+            remedy="swap the sign of one axis, or the order of two columns",
+        )
+    tied = [best, *near_ties(found, facet_error_mm)]
+    notes: tuple[str, ...] = ()
+    if len(tied) > 1:
+        near = replace(settings, tolerance=TIE_TOLERANCE)
+        ends = [fit(exact, few, one.placement, near, used=one.used) for one in tied]
+        costs = [end.evaluation.cost_mm2 for end in ends]
+        k = 0 if costs[0] <= min(costs) * equal_factor(len(few)) ** 2 else int(np.argmin(costs))
+        best = tied[k]
+        rest = [np.sqrt(c) * UM_PER_MM for n, c in enumerate(costs) if n != k]
+        turns = [_turn_deg(end.placement, ends[k].placement) for n, end in enumerate(ends) if n != k]
+        notes = tuple(
+            f"the part fits nearly as well in another position, turned by {turn:.0f} deg: RMS "
+            f"{other:.3g} um against {np.sqrt(costs[k]) * UM_PER_MM:.3g} um"
+            for other, turn in zip(rest, turns, strict=True)
+            if turn > TURN_DEG
+        )
+    settled = fit(measure, few, best.placement, replace(settings, max_iterations=0), used=best.used)
+    return best.placement, settled._replace(iterations=best.iterations), notes
+
+
+def _turn_deg(one: Placement, other: Placement) -> float:
+    """Return the angle between two placements, degrees."""
+    turn = vector_from_rotation(one.rotation @ other.rotation.T)
+    return float(np.linalg.norm(turn)) * DEG_PER_RAD
 
 
 def held_at_the_start(
