@@ -63,7 +63,7 @@ class AlignConfig:
     trust_me: bool = False
     """Go on although the data look like a mistake: contact points, a diameter for a radius, wrong side."""
     max_iterations: int = 50
-    coarse_points: int = 20_000
+    coarse_points: int = 10_000
     """Points that carry the first iterations; the last ones use all."""
     max_rotation_step_deg: float = 30.0
     step_tolerance: float = 1e-12

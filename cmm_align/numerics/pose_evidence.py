@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import pdist
 
 from cmm_align.numerics.pose_batch import fixed_order
 
@@ -46,8 +45,9 @@ def independent_number(places_mm: Array, residual_mm: Array) -> float:
     variance = float(np.mean(value**2))
     if variance <= 0.0:
         return float(n)
-    apart = pdist(places_mm[pick])
     row, column = np.triu_indices(len(pick), 1)
+    chosen = places_mm[pick]
+    apart = np.linalg.norm(chosen[row] - chosen[column], axis=1)
     which = np.minimum((apart / max(float(apart.max()), 1e-300) * _BINS).astype(np.intp), _BINS - 1)
     count = np.bincount(which, minlength=_BINS)
     product = np.bincount(which, weights=value[row] * value[column], minlength=_BINS)

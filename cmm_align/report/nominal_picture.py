@@ -14,7 +14,6 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from cmm_align.model import Equidistant, Nominal
 from cmm_align.report.canvas import (
@@ -193,6 +192,8 @@ def _maps(nominal: Nominal) -> _Maps:
 def _reach_at(nominal: Nominal, net: Equidistant, x: Array, y: Array) -> Array:
     """Return the code of the nearest node, shape (n,)."""
     places = nominal.surface_from_part.apply(net.nominal_points_mm)[:, :2]
+    from scipy.spatial import cKDTree  # slow to import
+
     nearest = cKDTree(places).query(np.stack([x, y], axis=1))[1]
     return _codes(net)[nearest].astype(np.float64)
 

@@ -30,7 +30,6 @@ from cmm_align.model import (
     frozen_array,
 )
 from cmm_align.numerics.linearisation import Evaluation, Measure, even_sample
-from cmm_align.numerics.minimum_zone import least_stock, minimum_zone
 from cmm_align.numerics.observability import free_motions_in_words
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
 from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Select, fit, on_the_surface
@@ -288,6 +287,8 @@ def _zone(
     measure: Measure, centred: Array, result: FitResult, settings: FitSettings, config: AlignConfig
 ) -> tuple[FitResult, Mapping[str, float]]:
     """Go on from least squares to the criterion asked for; return its proof beside it."""
+    from cmm_align.numerics.minimum_zone import least_stock, minimum_zone  # only where it is asked for
+
     solve = minimum_zone if config.criterion == "minimum-zone" else least_stock
     now = result.evaluation
     zone = solve(measure, centred, result.placement, settings, used=now.used & now.inside, previous=now.feet)

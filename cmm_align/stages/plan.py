@@ -17,7 +17,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from cmm_align.config import OffsetConfig
 from cmm_align.errors import GeometryError, UsageError
@@ -238,6 +237,8 @@ def _lattice(
     features = np.concatenate([places[here], net.points_mm[on_net, :2]])
     dense = np.zeros(len(places), dtype=bool)
     if len(features):
+        from scipy.spatial import cKDTree  # slow to import
+
         gap, _ = cKDTree(features).query(places, distance_upper_bound=spacing)
         dense = np.asarray(gap <= spacing)
     keep = base | dense
@@ -262,6 +263,8 @@ def _facet_error_mm(
     fine = spacing / math.sqrt(DENSITY)
     keep = longest <= _LONGEST * np.where(dense[nodes.triangles].all(axis=1), fine, spacing)
     if len(gaps):
+        from scipy.spatial import cKDTree  # slow to import
+
         keep &= cKDTree(gaps).query(corners.mean(axis=1))[0] > 0.75 * fine
     whole = nodes.triangles[keep]
     return facet_error_pv_mm(surface, side, radius, nodes._replace(triangles=whole)) if len(whole) else 0.0

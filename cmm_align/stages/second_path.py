@@ -13,7 +13,7 @@ from cmm_align.numerics.linearisation import Placement, even_sample, in_threads,
 from cmm_align.surfaces.equidistant import limits_of
 from cmm_align.surfaces.protocol import Array, Mask, Surface
 
-TWO_PATH_POINTS: Final = 200_000
+TWO_PATH_POINTS: Final = 100_000
 """Points that are measured by both paths."""
 
 

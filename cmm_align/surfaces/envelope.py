@@ -20,8 +20,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import cKDTree
 
 from cmm_align.numerics.ball_envelope import ball_rest
 from cmm_align.surfaces.geometry import principal_curvatures
@@ -138,6 +136,8 @@ def reach(
     code[near_edge(surface, points_mm[:, 0], points_mm[:, 1], band)] = Reach.EDGE
     if len(tight_mm):
         margin = radius_mm * (1.0 + 0.125) + pitch_mm
+        from scipy.spatial import cKDTree  # slow to import
+
         gap, _ = cKDTree(tight_mm).query(centre[:, :2], distance_upper_bound=margin)
         k = np.flatnonzero(gap < margin)
         rest = ball_rest(
@@ -189,6 +189,8 @@ def near_edge(surface: Surface, x_mm: Array, y_mm: Array, width_mm: Array) -> Ma
     xs, ys = np.arange(b.x_min, b.x_max + step, step), np.arange(b.y_min, b.y_max + step, step)
     px, py = np.meshgrid(xs, ys)
     inside = np.pad(surface.contains(px.ravel(), py.ravel()).reshape(px.shape), 1)
+    from scipy.ndimage import distance_transform_edt  # slow to import
+
     room: Array = distance_transform_edt(inside)[1:-1, 1:-1] * step
     ix = np.clip(np.rint((x_mm - b.x_min) / step).astype(np.intp), 0, len(xs) - 1)
     iy = np.clip(np.rint((y_mm - b.y_min) / step).astype(np.intp), 0, len(ys) - 1)
