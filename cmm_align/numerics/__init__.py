@@ -1,1 +1,7 @@
-"""Arrays in, arrays out: the mathematics, free of files, frames and settings."""
+"""Arrays in, arrays out: the mathematics, free of files, frames and settings.
+
+Surfaces: `tensor_spline`, `scattered_spline`, `knot_basis`, `foot_point`, `triangle_net`, `ball_envelope`.
+The rigid fit: `linearisation`, `rigid_fit`, `observability`, `outliers`, `rotations`, `free_offset`; from any
+start: `pose_*`; to the minimum zone: `minimum_zone`, `zone_*`. Maps: `local_regression`, `grid_field`,
+`polynomial_basis`, `point_density`. Clouds without a nominal: `local_normals`.
+"""
