@@ -97,8 +97,8 @@ def _values(coefficients: Array, degree: int, u: Array, v: Array) -> Array:
 def _rows(u: Array, v: Array, cells: tuple[int, int], degree: int) -> Array:
     """Return the design rows, shape (n, (degree + 1)^2)."""
     n_v, n_u = cells
-    bu = basis(u - cell_of(u, n_u), degree)[0].T
-    bv = basis(v - cell_of(v, n_v), degree)[0].T
+    bu = basis(u - cell_of(u, n_u), degree, derivatives=False)[0].T
+    bv = basis(v - cell_of(v, n_v), degree, derivatives=False)[0].T
     rows: Array = (bv[:, :, None] * bu[:, None, :]).reshape(len(u), -1)
     return rows
 

@@ -29,7 +29,7 @@ class SplineJet(NamedTuple):
     zvv: Array
 
 
-def basis(t: Array, degree: int) -> Array:
+def basis(t: Array, degree: int, *, derivatives: bool = True) -> Array:
     """Return the B-splines that act in a cell, with first and second derivatives.
 
     Parameters
@@ -38,6 +38,8 @@ def basis(t: Array, degree: int) -> Array:
         Place in the cell, 0 to 1; outside, the cell's polynomial continues.
     degree : int
         At least 2.
+    derivatives : bool
+        Whether they are needed; without, they are zero.
 
     Returns
     -------
@@ -55,9 +57,9 @@ def basis(t: Array, degree: int) -> Array:
             high[j] += (float(1 + j) - t) * low[j]
             high[j + 1] += (t + float(q - 1 - j)) * low[j]
         high /= q
-        if q == degree - 1:
+        if q == degree - 1 and derivatives:
             result[1] = _differences(high)
-        if q == degree - 2:
+        if q == degree - 2 and derivatives:
             result[2] = _differences(_differences(high))
         low = high
     result[0] = low
@@ -80,7 +82,10 @@ def _cubic(t: Array, out: Array) -> None:
 
 def _differences(low: Array) -> Array:
     """Return the derivatives of the next higher degree: b'_j = low_(j-1) - low_j."""
-    return -np.diff(low, axis=0, prepend=0.0, append=0.0)
+    result = np.zeros((len(low) + 1, low.shape[1]))
+    result[1:] = low
+    result[:-1] -= low
+    return result
 
 
 def spline_jet(coefficients: Array, degree: int, u: Array, v: Array) -> SplineJet:

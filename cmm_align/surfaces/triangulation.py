@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.surfaces.protocol import Array
 
 Index = NDArray[np.int32]
+
+_GOLDEN: Final = 0.6180339887498949
+_ROUNDS: Final = 12
+_SPREAD: Final = (
+    (16, 0x0000FFFF0000FFFF),
+    (8, 0x00FF00FF00FF00FF),
+    (4, 0x0F0F0F0F0F0F0F0F),
+    (2, 0x3333333333333333),
+    (1, 0x5555555555555555),
+)
+"""Steps that move the bits of a number two places apart."""
 
 
 def delaunay_triangles(x_mm: Array, y_mm: Array) -> Index:
@@ -23,16 +36,13 @@ def delaunay_triangles(x_mm: Array, y_mm: Array) -> Index:
 
     Notes
     -----
-    By insertion in strips with exact predicates (startin), three times as fast as Qhull on 1e6 points; by
-    Qhull where places coincide.
+    By insertion with exact predicates (startin), several times as fast as Qhull on 1e6 points; by Qhull where
+    places coincide. Order of insertion: Amenta, Choi and Rote 2003, doi 10.1145/777792.777824.
     """
     import startinpy  # slow to import, and only scattered nominals need it
 
     n = len(x_mm)
-    strips = max(int(np.sqrt(n / 4.0)), 1)
-    span = max(float(np.ptp(y_mm)), 1e-300)
-    strip = np.floor((y_mm - y_mm.min()) / span * strips)
-    order = np.lexsort((np.where(strip % 2 == 0, x_mm, -x_mm), strip))  # there and back: always a short walk
+    order = _insertion_order(x_mm, y_mm)
     net = startinpy.DT()
     net.snap_tolerance = float(np.finfo(np.float64).tiny)
     net.insert(np.stack([x_mm, y_mm, np.zeros(n)], axis=1)[order], insertionstrategy="AsIs")
@@ -47,6 +57,28 @@ def delaunay_triangles(x_mm: Array, y_mm: Array) -> Index:
             np.intp
         )
     return _counter_clockwise(x_mm, y_mm, np.asarray(triangles, dtype=np.int32))
+
+
+def _insertion_order(x: Array, y: Array) -> NDArray[np.intp]:
+    """Return rounds of twice as many places each, every round along a space-filling curve.
+
+    Early rounds lay a coarse net everywhere, so that each later place is near the last one and its
+    triangle is found in a few steps.
+    """
+    spread = (np.arange(len(x)) * _GOLDEN) % 1.0
+    rounds = np.minimum(-np.log2(np.maximum(spread, 1e-9)), _ROUNDS).astype(np.intp)
+    return np.lexsort((_along_the_curve(x, y), -rounds))
+
+
+def _along_the_curve(x: Array, y: Array) -> NDArray[np.uint64]:
+    """Return the places' numbers along Morton's curve: the bits of both coordinates interleaved."""
+    number = np.zeros(len(x), dtype=np.uint64)
+    for shift, values in enumerate((x, y)):
+        bits = ((values - values.min()) / max(float(np.ptp(values)), 1e-300) * 65535.0).astype(np.uint64)
+        for step, mask in _SPREAD:
+            bits = (bits | (bits << np.uint64(step))) & np.uint64(mask)
+        number |= bits << np.uint64(shift)
+    return number
 
 
 def _counter_clockwise(x: Array, y: Array, triangles: Index) -> Index:
