@@ -229,3 +229,45 @@ def test_a_grid_printed_with_six_decimals_does_not_ring(freeform, step):
     error = nominal.surface.jet(u, v).z - freeform.jet(u, v).z
     assert np.ptp(error) < 1e-6  # the print itself is 1 nm wide
     assert nominal.quality.surface_error_pv_nm == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("term", "off_mm"),
+    [
+        # Distance of an equidistant point from the exact equidistant surface, by the surface's own geometry.
+        (
+            'kind = "toroid"\nradius_of_rotation = -80.0\nradius = -40.0\n',
+            lambda p: _off_torus(p, 80.0, 40.0),
+        ),
+        ('kind = "conic"\nradius = 60.0\nconic = -1.0\n', lambda p: _off_paraboloid(p, 60.0)),
+    ],
+    ids=["torus", "paraboloid"],
+)
+def test_equidistant_points_of_prescriptions_lie_on_the_exact_surface(term, off_mm):
+    text = (
+        'schema = "cmm-align/prescription/1"\n[aperture]\nshape = "circle"\nradius = 15.0\n[[term]]\n' + term
+    )
+    nominal = offset(prescription_from_toml(text, "x.toml"), 1.5)
+
+    # 1e-6 nm is 1e-12 mm: some ulp of 100 mm.
+    assert np.abs(off_mm(nominal.equidistant.points_mm)).max() < 1e-12
+
+
+def _off_torus(points, major, minor):
+    """Torus swept about an axis parallel to y through z = -major: profile radius minor about it."""
+    rho = np.hypot(points[:, 0], points[:, 2] + major) - (major - minor)
+    return np.hypot(rho, points[:, 1]) - (minor + 1.5)
+
+
+def _off_paraboloid(points, radius):
+    """Distance to z = q^2 / 2R by the cubic for the foot, minus the tip radius."""
+    off = []
+    for q, z in zip(np.hypot(points[:, 0], points[:, 1])[::97], points[::97, 2], strict=True):
+        # (u - q) + (u^2 / 2R - z) u / R = 0
+        roots = np.roots([1.0 / (2.0 * radius**2), 0.0, 1.0 - z / radius, -q])
+        foot = roots[np.abs(roots.imag) < 1e-9].real
+        foot = foot - (foot**3 / (2 * radius**2) + (1 - z / radius) * foot - q) / (
+            3 * foot**2 / (2 * radius**2) + 1 - z / radius
+        )
+        off.append(np.hypot(foot - q, foot**2 / (2 * radius) - z).min() - 1.5)
+    return np.array(off)
