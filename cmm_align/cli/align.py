@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from cmm_align.model import Nominal, PointSet
     from cmm_align.pose import Pose
 
-SIDE_SIGNS = {"+z": 1, "-z": -1}
 NO_BALL_MM = 1e-3
 """Tip radius where contact points are laid on a raw nominal: no ball is needed, and none so small matters."""
 
@@ -250,10 +249,11 @@ def joined(sets: Sequence[PointSet], *, contact: bool) -> PointSet:
 def _check_ball(source: object, ball: Ball, *, where: str) -> None:
     """Refuse a raw nominal without a tip radius, and a tip radius that is not the nominal's."""
     from cmm_align.model import Nominal
+    from cmm_align.stages.offset import SIDES
 
     radius = ball.tip_radius_mm
     if isinstance(source, Nominal):
-        if ball.side is not None and SIDE_SIGNS[ball.side] != source.side:
+        if ball.side is not None and SIDES[ball.side] != source.side:
             raise UsageError(
                 f"--side {ball.side}, but this nominal was offset to the other side",
                 where=where,

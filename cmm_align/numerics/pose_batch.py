@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.linearisation import CHUNK, Measure
+from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.pose_starts import Starts
 from cmm_align.numerics.rigid_fit import FitSettings
 
@@ -21,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 TRIMMED: Final = 0.8
 """Share of the points that a score listens to: the nearest ones, so that a tenth of strays is not heard."""
-_STRAY: Final = 3.0 * 1.4826
+_STRAY: Final = 3.0 * MAD_SIGMA
 """Points beyond this many median distances do not pull."""
 _DAMPING: Final = 1e-6
 """Share of the strongest motion's eigenvalue that is added to all: free motions stay."""

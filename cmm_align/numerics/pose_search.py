@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cmm_align.numerics.linearisation import Evaluation, Measure, Placement, evaluate, moved
 from cmm_align.numerics.observability import Spectrum, spectrum
+from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.pose_batch import Settled, fixed_order, scores, settle
 from cmm_align.numerics.pose_evidence import equal_factor, independent_number, tie_factor
 from cmm_align.numerics.pose_orbits import ALIKE, NEAR, held_near, same_place
@@ -40,7 +41,7 @@ _FIT_POINTS: Final = 1500
 _ROUNDING: Final = 1e-12
 """Scores below this share of the size are rounding."""
 _TRIMS: Final = 3
-_SIGMAS: Final = 3.0 * 1.4826
+_SIGMAS: Final = 3.0 * MAD_SIGMA
 _LEAST: Final = 1e-3
 """Share of the size below which no distance counts as stray while the way is found."""
 

@@ -29,7 +29,7 @@ from cmm_align.model import (
     PointSet,
     frozen_array,
 )
-from cmm_align.numerics.linearisation import Evaluation, Measure, even_sample
+from cmm_align.numerics.linearisation import Evaluation, Measure, Placement, even_sample
 from cmm_align.numerics.observability import free_motions_in_words
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
 from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Select, fit, on_the_surface
@@ -186,16 +186,18 @@ def align(
     return replace(bare, covariance=frozen_array(covariance), report=report)
 
 
+def _pose(placed: Placement, centroid: Array, nominal: Nominal) -> Pose:
+    """Return ``part_from_machine`` of a placement of the cloud."""
+    shift = placed.position_mm - placed.rotation @ centroid
+    return nominal.surface_from_part.inverse() @ Pose(placed.rotation, shift, "surface", "machine")
+
+
 def _laid(
     measured: PointSet, nominal: Nominal, result: FitResult, centroid: Array, radius: float
 ) -> Alignment:
     """Return the points as the fit has laid them; what is known of the pose comes on top."""
-    placed = result.placement
-    surface_from_machine = Pose(
-        placed.rotation, placed.position_mm - placed.rotation @ centroid, "surface", "machine"
-    )
+    part_from_machine = _pose(result.placement, centroid, nominal)
     part_from_surface = nominal.surface_from_part.inverse()
-    part_from_machine = part_from_surface @ surface_from_machine
     feet, inside = result.evaluation.feet, result.evaluation.inside
     normals = part_from_surface.rotate(feet.normal)
     tips_part = part_from_machine.apply(measured.points_mm)
@@ -315,11 +317,9 @@ def _consulted(
     measured: PointSet, nominal: Nominal, near: FitResult, centroid: Array, frame: Pose, config: AlignConfig
 ) -> tuple[str, ...]:
     """Ask the fit doctor; refuse on clear evidence of a mistake, pass suspicions on."""
-    placed = near.placement
-    turn = Pose(placed.rotation, placed.position_mm - placed.rotation @ centroid, "surface", "machine")
     if not _plausible(near, nominal.surface.bounds.diagonal_mm):
         return ()
-    found = nominal.surface_from_part.inverse() @ turn
+    found = _pose(near.placement, centroid, nominal)
     contact = measured.kind is PointKind.CONTACT
     seen = diagnose(measured.points_mm, nominal, found, frame, contact=contact)
     if seen.clear and not config.trust_me:

@@ -23,6 +23,7 @@ from cmm_align.model import Nominal
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.free_offset import FreeOffset, free_offset, leverage_of
 from cmm_align.numerics.linearisation import Measure, Placement, moved, rows_of
+from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.rigid_fit import FitSettings, fit
 from cmm_align.numerics.rotations import vector_from_rotation
 from cmm_align.pose import Pose
@@ -51,7 +52,6 @@ WORN: Final = 0.1
 GROSS: Final = 1e-4
 """A fit whose RMS is above this share of the size is asked whether the part is mirrored."""
 _STRAY: Final = 6.0
-_MAD_SIGMA: Final = 1.4826
 
 
 class _Case(NamedTuple):
@@ -158,7 +158,7 @@ def _together(distance_mm: Array, known: Mask) -> Mask:
     """Return which distances are no outliers."""
     middle = float(np.median(distance_mm[known]))
     off = np.abs(distance_mm - middle)
-    mask: Mask = off <= _STRAY * _MAD_SIGMA * max(float(np.median(off[known])), 1e-12 * abs(middle))
+    mask: Mask = off <= _STRAY * MAD_SIGMA * max(float(np.median(off[known])), 1e-12 * abs(middle))
     mask |= off == 0.0
     return mask
 

@@ -314,10 +314,3 @@ def surface_digest(surface: Surface, side: int, turn: Pose) -> str:
     elif isinstance(surface, NurbsSurface):
         digest.update(surface.digest())
     return digest.hexdigest()
-
-
-def with_tip_radius(nominal: Nominal, tip_radius_mm: float) -> Nominal:
-    """Return the nominal for another ball, without the equidistant net of the first one."""
-    return replace(
-        nominal, tip_radius_mm=tip_radius_mm, equidistant=None, equidistant_surface=None, quality=None
-    )
