@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.foot_point import Feet
+from cmm_align.numerics.steering import FREELY, Steering, datum_rows
+from cmm_align.numerics.steering import Placement as Placement  # noqa: PLC0414 - also from here
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,13 +42,6 @@ class Measure(NamedTuple):
     """Second derivatives of the distance with respect to the point, shape (n, 3, 3); None for facets."""
 
 
-class Placement(NamedTuple):
-    """Where the measured cloud lies: ``p = rotation (q - centroid) + position``."""
-
-    rotation: Array
-    position_mm: Array
-
-
 class Evaluation(NamedTuple):
     """One look at all points under one placement."""
 
@@ -54,11 +49,13 @@ class Evaluation(NamedTuple):
     inside: Mask
     used: Mask
     normal_matrix: Array
-    """``J^T J / n_used``, scaled, shape (6, 6)."""
+    """``J^T W J / sum W``, scaled, shape (6, 6)."""
     gradient: Array
-    """``J^T d / n_used``, scaled, shape (6,), mm."""
+    """``J^T W d / sum W``, scaled, shape (6,), mm."""
     cost_mm2: float
-    """Mean squared distance of the used points, mm^2."""
+    """Weighted mean squared distance of the used points, mm^2, datum terms included."""
+    datum_matrix: Array | None = None
+    """What datum terms add to `normal_matrix`, shape (6, 6)."""
 
 
 def chunks(n: int) -> Iterator[slice]:
@@ -74,8 +71,8 @@ def even_sample(n: int, most: int) -> NDArray[np.intp]:
     """
     if n <= most:
         return np.arange(n)
-    k = np.arange(most)
-    return ((k + (k * _GOLDEN) % 1.0) * (n / most)).astype(np.intp)
+    k, stretch = np.arange(most), n / most
+    return (k * stretch + (k * _GOLDEN) % 1.0 * (stretch - 1.0)).astype(np.intp)  # a whole step apart or more
 
 
 def in_threads(work: Callable[[slice], T], n: int) -> list[T]:
@@ -103,6 +100,7 @@ def evaluate(
     *,
     previous: Feet | None = None,
     used: Mask | None = None,
+    steering: Steering = FREELY,
 ) -> Evaluation:
     """Measure all points under a placement and sum the normal equations.
 
@@ -119,8 +117,11 @@ def evaluate(
         Feet of the last evaluation, to start from.
     used : ndarray of bool, shape (n,), optional
         Which points count; without it, those that lie on the surface.
+    steering : Steering
+        Weights and datum terms.
     """
     n = len(points_mm)
+    weights = steering.weights
     feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)))
     inside, counted = np.empty(n, dtype=bool), np.empty(n, dtype=bool)
 
@@ -137,13 +138,31 @@ def evaluate(
         rows = rows_of(p, placement, found, length_mm)
         if not counts.all():
             rows[:, ~counts] = 0.0
-        sums: Array = rows @ rows.T
+        sums: Array = rows @ rows.T if weights is None else (rows * weights[part]) @ rows.T
         return sums
 
     total = np.sum(np.stack(in_threads(work, n)), axis=0)
-    count = max(int(np.count_nonzero(counted)), 1)
-    total = total / count
-    return Evaluation(feet, inside, counted, total[:6, :6], total[:6, 6], float(total[6, 6]))
+    weight, held = total_weight(counted, weights), None
+    if steering.datum is not None:
+        rows = datum_rows(steering.datum, placement, length_mm)
+        added = (rows * steering.datum.weights) @ rows.T
+        total, held = total + added, added[:6, :6] / weight
+    total = total / weight
+    return Evaluation(feet, inside, counted, total[:6, :6], total[:6, 6], float(total[6, 6]), held)
+
+
+def total_weight(counted: Mask, weights: Array | None) -> float:
+    """Return the sum of the weights of the points that count; 1 where none does.
+
+    Parameters
+    ----------
+    counted : ndarray of bool, shape (n,)
+    weights : ndarray, shape (n,), or None
+        None where all are 1.
+    """
+    if weights is None:
+        return float(max(int(np.count_nonzero(counted)), 1))
+    return float(np.sum(weights[counted])) or 1.0
 
 
 def curvature_term(
@@ -152,6 +171,7 @@ def curvature_term(
     placement: Placement,
     now: Evaluation,
     length_mm: float,
+    weights: Array | None = None,
 ) -> Array:
     """Return what Newton's matrix has beyond ``J^T J``: the mean of distance times second derivative.
 
@@ -163,6 +183,7 @@ def curvature_term(
         See `Measure`.
     points_mm, placement, now, length_mm
         As for `evaluate`.
+    weights : ndarray, shape (n,), optional
 
     Returns
     -------
@@ -179,7 +200,8 @@ def curvature_term(
     motion[:, :, 3:] = np.eye(3)
     for k, unit in enumerate(np.eye(3)):
         motion[:, :, k] = np.cross(unit, arm) / length_mm
-    weight = feet.distance_mm / len(pick)
+    share = np.full(len(pick), 1.0) if weights is None else weights[pick]
+    weight = feet.distance_mm * share / max(float(share.sum()), float(np.finfo(np.float64).tiny))
     total = np.einsum("n,nai,nab,nbj->ij", weight, motion, hessian(p, feet), motion, optimize=True)
     # The second-order part of the rotation itself: n . (w x (w x arm)).
     outer = np.einsum("n,ni,nj->ij", weight, feet.normal, arm)

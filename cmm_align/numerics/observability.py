@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 _PURE: Final = 1e-3
 """Share of rotation (scaled) below which a free motion is called a translation."""
 
+_SURE: Final = 0.5
+"""Share of what holds a motion that must come from datum terms for it not to be free."""
 _AFTER: Final = 1e-6
 """Weight of translations beside rotations when a free motion is held."""
 _NEWTON_FLOOR: Final = 0.1
@@ -28,14 +30,16 @@ class Spectrum(NamedTuple):
     """Eigen-decomposition of the scaled normal matrix, weakest motion first."""
 
     values: Array
-    """Shape (6,): mean squared change of the residual for a unit motion."""
+    """Shape (k,): mean squared change of the residual for a unit motion; k is 6 where nothing is locked."""
     motions: Array
-    """Shape (6, 6), one motion a column, scaled (rotation times length, translation)."""
+    """Shape (6, k), one motion a column, scaled (rotation times length, translation)."""
     free: NDArray[np.bool_]
-    """Shape (6,): which motions the data cannot tell."""
+    """Shape (k,): which motions the data cannot tell."""
 
 
-def spectrum(normal_matrix: Array, threshold: float) -> Spectrum:
+def spectrum(
+    normal_matrix: Array, threshold: float, allowed: Array | None = None, sure: Array | None = None
+) -> Spectrum:
     """Split the motions into observable and free ones.
 
     Parameters
@@ -44,9 +48,20 @@ def spectrum(normal_matrix: Array, threshold: float) -> Spectrum:
         ``J^T J / N`` with scaled rotation columns, order (rx, ry, rz, tx, ty, tz).
     threshold : float
         Free are motions whose eigenvalue is below this share of the largest one.
+    allowed : ndarray, shape (6, k), optional
+        Orthonormal basis of the motions that are not locked; all six without it.
+    sure : ndarray, shape (6, 6), optional
+        Part of `normal_matrix` that no roughness of the surface can feign (datum terms): a motion that it
+        holds is not free, however softly.
     """
-    values, motions = np.linalg.eigh(normal_matrix)
-    return Spectrum(values, motions, values <= threshold * values[-1])
+    if allowed is None:
+        allowed = np.eye(len(normal_matrix))
+    values, motions = np.linalg.eigh(allowed.T @ normal_matrix @ allowed)
+    motions = allowed @ motions
+    free = values <= threshold * values.max(initial=0.0)
+    if sure is not None:
+        free &= np.einsum("ik,ij,jk->k", motions, sure, motions) < _SURE * values
+    return Spectrum(values, motions, free)
 
 
 def solve_observable(spectral: Spectrum, gradient: Array, curvature: Array | None = None) -> Array:
@@ -168,7 +183,7 @@ def _direction(vector: Array) -> str:
     k = int(np.argmax(np.abs(unit)))
     if abs(unit[k]) > 1.0 - 1e-6:
         return "xyz"[k]
-    unit = unit * np.sign(unit[k])
+    unit = np.round(unit * np.sign(unit[k]), 3) + 0.0  # no minus before a zero
     return f"({unit[0]:.3f}, {unit[1]:.3f}, {unit[2]:.3f})"
 
 

@@ -42,6 +42,8 @@ class OutlierRule(NamedTuple):
     """Least and largest deviation that is at home in each cell of a net, shape (ny, nx), mm: the range of the
     medians of the cell and its neighbours (but one), and half as much again for a peak between them."""
     high_mm: Array
+    floor_mm: float
+    """Least sigma, mm: rounding."""
 
 
 def outlier_rule(x_mm: Array, y_mm: Array, deviation_mm: Array, floor_mm: float) -> OutlierRule:
@@ -74,7 +76,7 @@ def outlier_rule(x_mm: Array, y_mm: Array, deviation_mm: Array, floor_mm: float)
     local = max(MAD_SIGMA * float(np.median(rest)), floor_mm)
     low, high = _range_of_neighbours(medians.reshape(shape))
     more = 0.5 * (high - low)
-    return OutlierRule(middle, sigma, local, x0, y0, pitch, low - more, high + more)
+    return OutlierRule(middle, sigma, local, x0, y0, pitch, low - more, high + more, floor_mm)
 
 
 def _range_of_neighbours(field: Array) -> tuple[Array, Array]:

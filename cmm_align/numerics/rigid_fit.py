@@ -18,12 +18,12 @@ from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import (
     Evaluation,
     Measure,
-    Placement,
     curvature_term,
     evaluate,
     in_threads,
     moved,
     rows_of,
+    total_weight,
 )
 from cmm_align.numerics.observability import Spectrum, free_part, solve_observable, spectrum
 from cmm_align.numerics.rotations import (
@@ -32,6 +32,7 @@ from cmm_align.numerics.rotations import (
     rotation_from_vector,
     vector_from_rotation,
 )
+from cmm_align.numerics.steering import FREELY, Placement, Steering, allowed_motions, datum_rows, held
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -63,6 +64,16 @@ class FitSettings:
     min_observability: float
 
 
+class Look(NamedTuple):
+    """One line of the record of a fit: the state after a step."""
+
+    movement_mm: float
+    """The most that the step has moved a point, mm; 0 for the start."""
+    cost_mm2: float
+    """Mean squared distance, mm^2."""
+    n_used: int
+
+
 class FitResult(NamedTuple):
     """How a fit ended."""
 
@@ -73,7 +84,8 @@ class FitResult(NamedTuple):
     """Steps taken."""
     stop_reason: str
     converged: bool
-    costs_mm2: tuple[float, ...]
+    looks: tuple[Look, ...]
+    """The start, and the state after each step."""
     curvature: Array | None
     """Newton's matrix beyond ``J^T J``, scaled, shape (6, 6): the same for any fair sample of the points."""
 
@@ -97,6 +109,7 @@ def fit(
     select: Select = on_the_surface,
     previous: Feet | None = None,
     curvature: Array | None = None,
+    steering: Steering = FREELY,
 ) -> FitResult:
     """Find the placement with the least mean squared distance.
 
@@ -114,6 +127,8 @@ def fit(
         Feet near the start, to begin from.
     curvature : ndarray, shape (6, 6), optional
         From a fit of a sample; without it, it is computed at every placement (where `measure` can).
+    steering : Steering
+        Weights, datum terms and locked motions.
 
     Returns
     -------
@@ -126,21 +141,20 @@ def fit(
     raises the cost is halved.
     """
     floor = (_ROUNDING * settings.size_mm) ** 2
-    placement = start
-    now = evaluate(measure, points_mm, placement, settings.length_mm, previous=previous, used=used)
+    placement, length = held(steering.lock, start), settings.length_mm
+    now = evaluate(measure, points_mm, placement, length, previous=previous, used=used, steering=steering)
     if used is None:
-        now = _recounted(points_mm, placement, now, select(now), settings.length_mm)
+        now = _recounted(points_mm, placement, now, select(now), length, steering)
     bend = curvature
-    costs = [now.cost_mm2]
-    iterations = 0
-    reason = "max iterations"
-    converged = False
+    looks = [_look(0.0, now)]
+    iterations, before = 0, now.used
+    reason, converged = "max iterations", False
     last_movement = np.inf
-    spectral = spectrum(now.normal_matrix, settings.min_observability)
+    spectral = _spectrum(placement, now, settings, steering)
     while True:
         if curvature is None and measure.hessian is not None:
-            bend = curvature_term(measure.hessian, points_mm, placement, now, settings.length_mm)
-        step = _clamped(spectral, now, settings, bend)
+            bend = curvature_term(measure.hessian, points_mm, placement, now, length, steering.weights)
+        step = _clamped(spectral, now, settings, bend, locked=steering.lock is not None)
         movement = _movement(step, settings)
         tolerance = settings.tolerance * settings.size_mm
         if movement <= tolerance:
@@ -155,27 +169,45 @@ def fit(
         slack = 0.0 if curvature is None else _OF_SIGMA * _sigma_mm(now, spectral)
         linear = movement**2 / settings.size_mm <= max(_LINEAR * settings.size_mm, slack)
         if iterations > 0 and linear and movement**2 / last_movement <= max(tolerance, slack):
-            placement, now = _last_step(points_mm, placement, step, now, settings.length_mm)
+            placement, now = _last_step(points_mm, placement, step, now, length, steering)
             iterations += 1
-            costs.append(now.cost_mm2)
+            looks.append(_look(movement, now))
             reason, converged = "next step below tolerance", True
             break
-        trial, there = _downhill(measure, points_mm, placement, step, now, settings)
+        trial, there = _downhill(measure, points_mm, placement, step, now, settings, steering)
         if there is None:
             # A step this small that gains nothing is the optimum seen through rounding.
             converged = movement <= np.sqrt(settings.tolerance) * settings.size_mm
             reason = "no further decrease"
             break
         if used is None and _RECOUNT[0] < movement / settings.size_mm < _RECOUNT[1]:
-            there = _recounted(points_mm, trial, there, select(there), settings.length_mm)
+            there, before = _chosen_anew(points_mm, trial, there, select(there), before, settings, steering)
         placement, now = trial, there
         last_movement = movement
         iterations += 1
-        costs.append(now.cost_mm2)
-        spectral = spectrum(now.normal_matrix, settings.min_observability)
+        looks.append(_look(movement, now))
+        spectral = _spectrum(placement, now, settings, steering)
     if iterations == 0:  # the first look is rough where it starts from nothing
-        now = evaluate(measure, points_mm, placement, settings.length_mm, previous=now.feet, used=now.used)
-    return FitResult(placement, now, spectral, iterations, reason, converged, tuple(costs), bend)
+        now = evaluate(
+            measure, points_mm, placement, length, previous=now.feet, used=now.used, steering=steering
+        )
+    return FitResult(placement, now, spectral, iterations, reason, converged, tuple(looks), bend)
+
+
+def joined(first: FitResult, second: FitResult) -> FitResult:
+    """Return the second fit with the record of the first before it: what went on where it had ended."""
+    return second._replace(
+        iterations=first.iterations + second.iterations, looks=first.looks + second.looks[1:]
+    )
+
+
+def _look(movement: float, now: Evaluation) -> Look:
+    return Look(movement, now.cost_mm2, int(np.count_nonzero(now.used)))
+
+
+def _spectrum(placement: Placement, now: Evaluation, settings: FitSettings, steering: Steering) -> Spectrum:
+    allowed = allowed_motions(steering.lock, placement, settings.length_mm)
+    return spectrum(now.normal_matrix, settings.min_observability, allowed, now.datum_matrix)
 
 
 def _sigma_mm(now: Evaluation, spectral: Spectrum) -> float:
@@ -184,32 +216,68 @@ def _sigma_mm(now: Evaluation, spectral: Spectrum) -> float:
     return float(np.sqrt(now.cost_mm2 / max(int(np.count_nonzero(now.used)), 1) / weakest))
 
 
+def _chosen_anew(
+    points_mm: Array,
+    placement: Placement,
+    now: Evaluation,
+    chosen: Mask,
+    before: Mask,
+    settings: FitSettings,
+    steering: Steering,
+) -> tuple[Evaluation, Mask]:
+    """Let exactly the chosen points count, unless that goes round in a circle; return who counted before.
+
+    A point on the brink may leave because it counts and come back because it does not: then it stays out.
+    """
+    if np.array_equal(chosen, before) and not np.array_equal(chosen, now.used):
+        return now, before
+    return _recounted(points_mm, placement, now, chosen, settings.length_mm, steering), now.used
+
+
 def _recounted(
-    points_mm: Array, placement: Placement, now: Evaluation, chosen: Mask, length_mm: float
+    points_mm: Array,
+    placement: Placement,
+    now: Evaluation,
+    chosen: Mask,
+    length_mm: float,
+    steering: Steering,
 ) -> Evaluation:
     """Let exactly the chosen points count, by correcting the sums for those that changed."""
     chosen = chosen & np.isfinite(now.feet.distance_mm)
     changed = np.flatnonzero(chosen != now.used)
     if len(changed) == 0:
         return now
-    before, after = int(np.count_nonzero(now.used)), int(np.count_nonzero(chosen))
+    weights = steering.weights
+    before, after = total_weight(now.used, weights), total_weight(chosen, weights)
     total = np.zeros((7, 7))
     total[:6, :6], total[:6, 6], total[6, 6] = now.normal_matrix, now.gradient, now.cost_mm2
     feet = Feet(*(a[changed] for a in now.feet))
     rows = rows_of(moved(points_mm[changed], placement), placement, feet, length_mm)
     rows = np.where(np.isfinite(rows), rows, 0.0)
     sign = np.where(chosen[changed], 1.0, -1.0)
-    total = (total * max(before, 1) + (rows * sign) @ rows.T) / max(after, 1)
+    if weights is not None:
+        sign = sign * weights[changed]
+    total = (total * before + (rows * sign) @ rows.T) / after
+    held = None if now.datum_matrix is None else now.datum_matrix * (before / after)
     return now._replace(
-        used=chosen, normal_matrix=total[:6, :6], gradient=total[:6, 6], cost_mm2=float(total[6, 6])
+        datum_matrix=held,
+        used=chosen,
+        normal_matrix=total[:6, :6],
+        gradient=total[:6, 6],
+        cost_mm2=float(total[6, 6]),
     )
 
 
 def _last_step(
-    points_mm: Array, placement: Placement, step: Array, now: Evaluation, length_mm: float
+    points_mm: Array,
+    placement: Placement,
+    step: Array,
+    now: Evaluation,
+    length_mm: float,
+    steering: Steering,
 ) -> tuple[Placement, Evaluation]:
     """Take a step so small that distances change linearly, without measuring again."""
-    after = stepped(placement, step, length_mm)
+    after = held(steering.lock, stepped(placement, step, length_mm))
     distance = np.empty(len(points_mm))
 
     def work(part: slice) -> None:
@@ -217,15 +285,28 @@ def _last_step(
         distance[part] = now.feet.distance_mm[part] + np.einsum("ij,ij->i", now.feet.normal[part], shift)
 
     in_threads(work, len(points_mm))
-    cost = float(np.mean(distance[now.used] ** 2))
+    squares = distance[now.used] ** 2
+    if steering.weights is not None:
+        squares *= steering.weights[now.used]
+    cost = float(np.sum(squares))
+    if steering.datum is not None:
+        cost += float(steering.datum.weights @ datum_rows(steering.datum, after, length_mm)[6] ** 2)
+    cost /= total_weight(now.used, steering.weights)
     return after, now._replace(feet=now.feet._replace(distance_mm=distance), cost_mm2=cost)
 
 
-def _clamped(spectral: Spectrum, now: Evaluation, settings: FitSettings, curvature: Array | None) -> Array:
-    """Return the step (w length, t), with the rotation clamped and the translation solved anew."""
+def _clamped(
+    spectral: Spectrum, now: Evaluation, settings: FitSettings, curvature: Array | None, *, locked: bool
+) -> Array:
+    """Return the step (w length, t), with the rotation clamped and the translation solved anew.
+
+    With locked motions the whole step is shortened instead, so that it stays among those that are left.
+    """
     step = solve_observable(spectral, now.gradient, curvature)
     angle = float(np.linalg.norm(step[:3])) / settings.length_mm
-    if angle > settings.max_rotation_rad:
+    if angle > settings.max_rotation_rad and locked:
+        step *= settings.max_rotation_rad / angle
+    elif angle > settings.max_rotation_rad:
         step[:3] *= settings.max_rotation_rad / angle
         pull = now.gradient[3:] + now.normal_matrix[3:, :3] @ step[:3]
         step[3:] = -np.linalg.lstsq(now.normal_matrix[3:, 3:], pull, rcond=1e-6)[0]
@@ -291,12 +372,21 @@ def _downhill(
     step: Array,
     now: Evaluation,
     settings: FitSettings,
+    steering: Steering,
 ) -> tuple[Placement, Evaluation | None]:
     """Take the step, or the largest half, quarter ... of it that does not raise the cost."""
     share = 1.0
     for _ in range(_MAX_HALVINGS):
-        trial = stepped(placement, share * step, settings.length_mm)
-        there = evaluate(measure, points_mm, trial, settings.length_mm, previous=now.feet, used=now.used)
+        trial = held(steering.lock, stepped(placement, share * step, settings.length_mm))
+        there = evaluate(
+            measure,
+            points_mm,
+            trial,
+            settings.length_mm,
+            previous=now.feet,
+            used=now.used,
+            steering=steering,
+        )
         if there.cost_mm2 <= now.cost_mm2 * (1.0 + 1e-12) + (_ROUNDING * settings.size_mm) ** 2:
             return trial, there
         share *= 0.5

@@ -221,9 +221,9 @@ class Search:
 
     def _basis(self, now: Evaluation) -> Array:
         """Return the motions that may be used and that the points can tell, shape (6, k)."""
-        allowed = np.eye(6) if self.motions is None else np.linalg.qr(self.motions)[0]
-        spectral = spectrum(allowed.T @ now.normal_matrix @ allowed, self.settings.min_observability)
-        result: Array = allowed @ spectral.motions[:, ~spectral.free]
+        allowed = None if self.motions is None else np.linalg.qr(self.motions)[0]
+        spectral = spectrum(now.normal_matrix, self.settings.min_observability, allowed)
+        result: Array = spectral.motions[:, ~spectral.free]
         return result
 
     def _too_cheap(self, faces: Faces, step: Step, penalty: float) -> bool:
