@@ -6,9 +6,10 @@ it would take more than we do. Whatever it refuses goes to `delimited_scan`, whi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import islice
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -18,7 +19,10 @@ from cmm_align.formats.delimited_layout import Layout, fields_of, is_passed_over
 from cmm_align.formats.delimited_scan import data_lines, scan
 from cmm_align.formats.source import Source, scale_to_mm
 from cmm_align.model import PointSet
-from cmm_align.surfaces.protocol import Array
+from cmm_align.surfaces.protocol import Array, Mask
+
+PlaceOf: TypeAlias = Callable[[int, int], str]
+"""Gives file, line and column of a field, by its row and column in the table."""
 
 _UNIT_LENGTH: Final = (0.9, 1.1)
 _MAX_EXACT_ID: Final = 2.0**53
@@ -54,10 +58,15 @@ def read(source: Source, units: str | None = None) -> PointSet:
     if table is None:
         table = scan(lines, layout, where)
     index = layout.columns.index
+    place = partial(_place, lines, layout, where)
     if not layout.named and "k" in index:
-        _check_normals(table, lines, layout, where)
+        _check_normals(table, place)
+    if "sigma" in index:
+        _refuse(table[:, index["sigma"]] <= 0.0, table, index["sigma"], "sigma", "above 0", place)
+    if "weight" in index:
+        _check_weights(table, index["weight"], place)
     points = table[:, [index["x"], index["y"], index["z"]]] if len(index) > 3 or layout.named else table
-    ids = _whole(table[:, index["id"]], lines, layout, where) if "id" in index else None
+    ids = _whole(table, index["id"], place) if "id" in index else None
     return PointSet.of(
         points if scale == 1.0 else points * scale,
         kind=layout.header.kind,
@@ -65,6 +74,7 @@ def read(source: Source, units: str | None = None) -> PointSet:
         ids=ids,
         source=where,
         sigma_mm=table[:, index["sigma"]] * scale if "sigma" in index else None,
+        weight=table[:, index["weight"]] if "weight" in index else None,
     )
 
 
@@ -100,28 +110,38 @@ def _is_plain(data: Sequence[str], layout: Layout) -> bool:
     return text.isascii() and not text.encode("ascii").translate(None, allowed.encode())
 
 
-def _check_normals(table: Array, lines: Sequence[str], layout: Layout, where: str) -> None:
+def _check_normals(table: Array, place: PlaceOf) -> None:
     length = np.linalg.norm(table[:, 3:6], axis=1)
     wrong = (length < _UNIT_LENGTH[0]) | (length > _UNIT_LENGTH[1])
     if wrong.any():
         row = int(np.argmax(wrong))
         raise MalformedInputError(
             f"columns 4 to 6 are no unit vector (length {length[row]:.3g})",
-            where=_place(lines, layout, where, row, 3),
+            where=place(row, 3),
             expected="x y z i j k, or a line that names the columns",
         )
 
 
-def _whole(values: Array, lines: Sequence[str], layout: Layout, where: str) -> Array:
+def _check_weights(table: Array, column: int, place: PlaceOf) -> None:
+    _refuse(table[:, column] < 0.0, table, column, "weight", "0 or more", place)
+    if not table[:, column].any():
+        raise MalformedInputError("all weights are 0", where=place(0, column), expected="some above 0")
+
+
+def _whole(table: Array, column: int, place: PlaceOf) -> Array:
+    values = table[:, column]
     wrong = (values != np.round(values)) | (np.abs(values) > _MAX_EXACT_ID)
+    _refuse(wrong, table, column, "id", "a whole number", place)
+    return values.astype(np.int64)
+
+
+def _refuse(wrong: Mask, table: Array, column: int, name: str, expected: str, place: PlaceOf) -> None:
+    """Raise at the first wrong value of a column, if there is one."""
     if wrong.any():
         row = int(np.argmax(wrong))
         raise MalformedInputError(
-            f"id {values[row]:.12g}",
-            where=_place(lines, layout, where, row, layout.columns.index["id"]),
-            expected="a whole number",
+            f"{name} {table[row, column]:.12g}", where=place(row, column), expected=expected
         )
-    return values.astype(np.int64)
 
 
 def _place(lines: Sequence[str], layout: Layout, where: str, row: int, column: int) -> str:

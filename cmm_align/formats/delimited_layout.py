@@ -59,27 +59,15 @@ def layout_of(lines: Sequence[str], where: str) -> Layout:
         If there are no points, or the text can be read in two ways.
     """
     header, names, first = _preamble(lines, where)
-    sample: list[tuple[int, str]] = []
-    for number in range(first, len(lines)):
-        line = lines[number]
-        if len(line) > MAX_LINE:
-            raise MalformedInputError(
-                f"a line of {len(line)} characters",
-                where=f"{where}:{number + 1}:1",
-                expected=f"at most {MAX_LINE}",
-            )
-        if not is_passed_over(line):
-            sample.append((number, line))
-        if len(sample) == _SAMPLE_LINES:
-            break
+    sample = sample_lines(lines, first, where)
     if not sample:
         raise MalformedInputError("there are no points in it", where=where, expected="lines of x, y, z")
-    separator, decimal = _separator(sample, where)
+    separator, decimal = separator_of(sample, where)
     first_number, first_line = sample[0]
     here = f"{where}:{first_number + 1}"
     if names is not None:
         number, line = names
-        parts = [text for text, _ in fields_of(line, _separator_of_names(line, separator))]
+        parts = [text for text, _ in fields_of(line, separator_of_names(line, separator))]
         return Layout(first, separator, decimal, read_columns(parts, f"{where}:{number + 1}:1"), True, header)
     count = len(fields_of(first_line, separator))
     if separator == "," and count in {4, 6} and all(_all_integers(line) for _, line in sample):
@@ -99,6 +87,37 @@ def layout_of(lines: Sequence[str], where: str) -> Layout:
     return Layout(first, separator, decimal, columns, False, header)
 
 
+def sample_lines(lines: Sequence[str], first: int, where: str) -> list[tuple[int, str]]:
+    """Return the first lines with data, each with its number from 0.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    first : int
+        Number, from 0, of the line to begin with.
+    where : str
+
+    Raises
+    ------
+    MalformedInputError
+        If one of them is too long for text of this kind.
+    """
+    sample: list[tuple[int, str]] = []
+    for number in range(first, len(lines)):
+        line = lines[number]
+        if len(line) > MAX_LINE:
+            raise MalformedInputError(
+                f"a line of {len(line)} characters",
+                where=f"{where}:{number + 1}:1",
+                expected=f"at most {MAX_LINE}",
+            )
+        if not is_passed_over(line):
+            sample.append((number, line))
+        if len(sample) == _SAMPLE_LINES:
+            break
+    return sample
+
+
 def _preamble(lines: Sequence[str], where: str) -> tuple[Header, tuple[int, str] | None, int]:
     header = Header()
     for number, line in enumerate(lines):
@@ -112,7 +131,14 @@ def _preamble(lines: Sequence[str], where: str) -> tuple[Header, tuple[int, str]
     return header, None, len(lines)
 
 
-def _separator(sample: Sequence[tuple[int, str]], where: str) -> tuple[str | None, str]:
+def separator_of(sample: Sequence[tuple[int, str]], where: str) -> tuple[str | None, str]:
+    """Return what stands between the columns (None: blanks) and the decimal sign.
+
+    Raises
+    ------
+    MalformedInputError
+        If both signs are in the numbers.
+    """
     text = "\n".join(line for _, line in sample)
     for mark in (";", "\t"):
         if mark not in text:
@@ -137,7 +163,8 @@ def _separator(sample: Sequence[tuple[int, str]], where: str) -> tuple[str | Non
     return ",", "."
 
 
-def _separator_of_names(line: str, separator: str | None) -> str | None:
+def separator_of_names(line: str, separator: str | None) -> str | None:
+    """Return what stands between the names of the columns, which may not be what the data have."""
     for mark in (separator, ";", "\t", ","):
         if mark is not None and mark in line:
             return mark

@@ -57,10 +57,10 @@ def scan(lines: Sequence[str], layout: Layout, where: str) -> Array:
             )
         fields = fields_of(line, layout.separator)
         if len(fields) != count:
-            raise _wrong_count(fields, count, line, here)
+            raise wrong_count(fields, count, line, here)
         row = [math.nan] * count
         for k in used:
-            row[k] = _number(*fields[k], layout.decimal, here)
+            row[k] = number_of(*fields[k], layout.decimal, here)
         rows.append(row)
     return np.array(rows, dtype=np.float64).reshape(-1, count)
 
@@ -75,7 +75,8 @@ def _plain_row(layout: Layout) -> re.Pattern[str] | None:
     return re.compile(between.join([number] * layout.columns.count) + r"\s*", re.ASCII)
 
 
-def _wrong_count(fields: list[tuple[str, int]], count: int, line: str, here: str) -> MalformedInputError:
+def wrong_count(fields: list[tuple[str, int]], count: int, line: str, here: str) -> MalformedInputError:
+    """Return the error of a line with too many or too few fields."""
     extra = len(fields) > count
     column = fields[count][1] if extra else len(line.rstrip()) + 1
     what = f"{len(fields)} columns"
@@ -86,7 +87,14 @@ def _wrong_count(fields: list[tuple[str, int]], count: int, line: str, here: str
     )
 
 
-def _number(text: str, column: int, decimal: str, here: str) -> float:
+def number_of(text: str, column: int, decimal: str, here: str) -> float:
+    """Return the number that a field at a place (from 1) of the line `here` holds.
+
+    Raises
+    ------
+    MalformedInputError
+        If it is empty, not a number, or not finite.
+    """
     where = f"{here}:{column}"
     if not text:
         raise MalformedInputError("an empty field", where=where, expected="a number")

@@ -26,6 +26,7 @@ _WORDS: Final = {
     "k": ("k", "nz", "normalz"),
     "id": ("id", "nr", "no", "point", "pointid", "pointnumber"),
     "sigma": ("sigma", "u", "uncertainty"),
+    "weight": ("weight",),
 }
 _MEANING: Final = {word: name for name, words in _WORDS.items() for word in words}
 
@@ -40,7 +41,7 @@ class Header(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Where the columns are, by meaning: x, y, z and perhaps i, j, k, id, sigma."""
+    """Where the columns are, by meaning: x, y, z and perhaps i, j, k, id, sigma, weight."""
 
     index: dict[str, int]
     count: int
@@ -79,6 +80,23 @@ def read_header(line: str, where: str) -> Header:
     return Header(units, PointKind(kind), frame)
 
 
+def name_and_unit(written: str) -> tuple[str, str]:
+    """Return the bare name of a column and its unit of length, empty where it states none.
+
+    Examples
+    --------
+    >>> name_and_unit("Actual X [mm]")
+    ('actualx', 'mm')
+    >>> name_and_unit("lower_um")
+    ('lower', 'um')
+    """
+    text = written.strip().strip("\"'").strip().lower()
+    match = _NAME.fullmatch(text)
+    if match is None:
+        return "", ""
+    return re.sub(r"[\s_.]", "", match["name"]), match["a"] or match["b"] or ""
+
+
 def read_columns(names: Sequence[str], where: str) -> Columns:
     """Return which column means what; columns with other names are passed over.
 
@@ -97,16 +115,13 @@ def read_columns(names: Sequence[str], where: str) -> Columns:
     index: dict[str, int] = {}
     units: set[str] = set()
     for position, written in enumerate(names):
-        match = _NAME.fullmatch(written.strip().strip("\"'").strip().lower())
-        if match is None:
-            continue
-        name = _MEANING.get(re.sub(r"[\s_.]", "", match["name"]))
+        bare, unit = name_and_unit(written)
+        name = _MEANING.get(bare)
         if name is None:
             continue
         if name in index:
             raise MalformedInputError(f"two columns mean {name}", where=where, expected="each name once")
         index[name] = position
-        unit = match["a"] or match["b"]
         if unit and name in {"x", "y", "z", "sigma"}:
             units.add(unit)
     if not {"x", "y", "z"} <= set(index):

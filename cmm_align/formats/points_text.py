@@ -62,6 +62,10 @@ def text_blocks(
         names.append(f"sigma_{units}")
         formats.append("%.3e")
         columns.append(points.sigma_mm[:, None] / scale)
+    if points.weight is not None:
+        names.append("weight")
+        formats.append("%.9g")
+        columns.append(points.weight[:, None])
     row = ",".join(formats) + "\n"
     comments = "".join(f"# {note}\n" for note in notes)
     header = header_line(units, points.kind, points.frame)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
@@ -54,7 +55,9 @@ class PointSet:
     source : str
         Where the points came from, for messages.
     sigma_mm : ndarray, shape (N,), mm, or None
-        Standard uncertainty of each point where the source states it.
+        Standard uncertainty of each point where the source states it; above zero.
+    weight : ndarray, shape (N,), dimensionless, or None
+        How much each point counts in the fit where the source states it; not below zero, not all zero.
     """
 
     points_mm: Array
@@ -63,6 +66,7 @@ class PointSet:
     ids: IntArray
     source: str
     sigma_mm: Array | None = None
+    weight: Array | None = None
 
     @classmethod
     def of(
@@ -74,6 +78,7 @@ class PointSet:
         ids: ArrayLike | None = None,
         source: str = "points",
         sigma_mm: ArrayLike | None = None,
+        weight: ArrayLike | None = None,
     ) -> PointSet:
         """Return a checked set of points.
 
@@ -81,13 +86,14 @@ class PointSet:
         ----------
         points_mm : array_like, shape (N, 3), mm, frame `frame`
             Copied only if it is not a contiguous float64 array.
-        kind, frame, ids, source, sigma_mm
+        kind, frame, ids, source, sigma_mm, weight
             As the attributes; `ids` of shape (N,) are 0, 1, 2 ... if left out.
 
         Raises
         ------
         MalformedInputError
-            If the array is not (N, 3) or holds a value that is not finite.
+            If the array is not (N, 3), holds a value that is not finite, or the uncertainties or weights are
+            not as the attributes say.
         """
         points = np.ascontiguousarray(points_mm, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -110,8 +116,80 @@ class PointSet:
             frame,
             frozen_array(numbers, np.int64),
             source,
-            None if sigma_mm is None else frozen_array(sigma_mm),
+            None if sigma_mm is None else _steering("sigma", sigma_mm, len(points), source),
+            None if weight is None else _steering("weight", weight, len(points), source),
         )
 
     def __len__(self) -> int:
         return len(self.points_mm)
+
+
+def joined(sets: Sequence[PointSet]) -> PointSet:
+    """Return point sets of one kind and frame as one, in the order given.
+
+    Parameters
+    ----------
+    sets : sequence of PointSet
+        At least one; kind and frame are those of the first.
+
+    Returns
+    -------
+    PointSet
+        With the ids of the sets where no two sets share one; numbered anew from 0 otherwise, as if the files
+        stood below each other.
+
+    Raises
+    ------
+    MalformedInputError
+        If some of the sets state uncertainties or weights and others do not.
+    """
+    if len(sets) == 1:
+        return sets[0]
+    ids = np.concatenate([points.ids for points in sets])
+    shared = len(np.unique(ids)) < sum(len(np.unique(points.ids)) for points in sets)
+    return PointSet.of(
+        np.concatenate([points.points_mm for points in sets]),
+        kind=sets[0].kind,
+        frame=sets[0].frame,
+        ids=None if shared else ids,
+        source=", ".join(points.source for points in sets),
+        sigma_mm=_column("sigma", [(points.source, points.sigma_mm) for points in sets]),
+        weight=_column("weight", [(points.source, points.weight) for points in sets]),
+    )
+
+
+def _column(name: str, parts: Sequence[tuple[str, Array | None]]) -> Array | None:
+    """Return the parts of a column below each other; None if no source has it."""
+    there = [values for _, values in parts if values is not None]
+    if not there:
+        return None
+    if len(there) < len(parts):
+        with_it = next(source for source, values in parts if values is not None)
+        without = next(source for source, values in parts if values is None)
+        raise MalformedInputError(
+            f"no column {name}",
+            where=without,
+            expected=f"one, as {with_it} has",
+            remedy="state it in all files of a clamping, or in none",
+        )
+    return np.concatenate(there)
+
+
+def _steering(name: str, values: ArrayLike, count: int, source: str) -> Array:
+    """Return what says how much points count, checked: uncertainties above zero, weights not below it."""
+    array: Array = frozen_array(values)
+    if array.shape != (count,):
+        raise MalformedInputError(
+            f"{name} of shape {array.shape}", where=source, expected=f"one for each of {count} points"
+        )
+    right = np.isfinite(array) & ((array > 0.0) if name == "sigma" else (array >= 0.0))
+    if not right.all():
+        first = int(np.argmin(right))
+        raise MalformedInputError(
+            f"{name} {array[first]:.12g} of point {first + 1} of {count}",
+            where=source,
+            expected="above 0" if name == "sigma" else "0 or more",
+        )
+    if count and not array.any():
+        raise MalformedInputError(f"all values of {name} are 0", where=source, expected="some above 0")
+    return array

@@ -7,8 +7,8 @@ import codecs
 import numpy as np
 import pytest
 
-from cmm_align.errors import UnitsError
-from cmm_align.formats import read_points
+from cmm_align.errors import MalformedInputError, UnitsError
+from cmm_align.formats import read_points, text_blocks
 from cmm_align.formats.delimited_layout import layout_of
 from cmm_align.formats.delimited_scan import scan
 from cmm_align.model import PointKind
@@ -118,3 +118,39 @@ def test_the_fast_and_the_exact_reader_agree_to_the_bit(tmp_path):
     np.testing.assert_array_equal(read_points(tmp_path / "p.csv").points_mm, values)
     lines = text.split("\n")
     np.testing.assert_array_equal(scan(lines, layout_of(lines, "p"), "p"), values)
+
+
+def test_weights_have_no_unit_and_come_back_as_they_were_written(tmp_path):
+    (tmp_path / "p.csv").write_text(
+        "x_um,y_um,z_um,id,sigma_um,Weight\n1500,2250,-3000,7,2,0.25\n4000,5,6000,-9,4,0\n"
+    )
+
+    points = read_points(tmp_path / "p.csv")
+
+    assert points.weight.tolist() == [0.25, 0.0]
+    (tmp_path / "again.csv").write_bytes(b"".join(text_blocks(points, with_ids=True)))
+    again = read_points(tmp_path / "again.csv")
+    assert (again.weight.tolist(), again.ids.tolist()) == ([0.25, 0.0], [7, -9])
+    np.testing.assert_allclose(again.sigma_mm, [2e-3, 4e-3], rtol=1e-3)  # written with four digits
+
+
+@pytest.mark.parametrize(
+    ("rows", "place", "words"),
+    [
+        ("x,y,z,weight\n1,2,3,1\n1,2,3,-0.5\n", "3:7", "weight -0.5; expected 0 or more"),
+        ("x,y,z,weight\n1,2,3,1\n1,2,3,nan\n", "3:7", "'nan' is not finite"),
+        ("x,y,z,weight\n1,2,3,\n", "2:7", "an empty field"),
+        ("# c\nx,y,z,weight\n1,2,3,0\n1,2,3,0\n", "3:7", "all weights are 0"),
+        ("x,y,z,sigma_mm\n1,2,3,0.1\n# c\n1,2,3,0\n", "4:7", "sigma 0; expected above 0"),
+        ("x,y,z,sigma_mm\n1,2,3,-1e-3\n", "2:7", "sigma -0.001"),
+    ],
+)
+def test_weights_and_uncertainties_that_cannot_steer_a_fit_are_refused(rows, place, words, tmp_path):
+    path = tmp_path / "p.csv"
+    path.write_text(rows)
+
+    with pytest.raises(MalformedInputError) as caught:
+        read_points(path)
+
+    assert str(caught.value).startswith(f"{path}:{place}: ")
+    assert words in caught.value.one_line()
