@@ -28,6 +28,8 @@ DEG_PER_RAD: Final = 180.0 / math.pi
 RAD_PER_DEG: Final = math.pi / 180.0
 
 _LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµμ]*)\s*")
+_NUMBER = r"(\d+\.?\d*|\.\d+)"
+_MPE = re.compile(rf"{_NUMBER}(\+(?:{_NUMBER}[*·]?)?[Ll](?:/{_NUMBER}(?:mm)?)?)?")
 
 
 def mm_per(unit: str, *, where: str = "") -> float:
@@ -64,3 +66,46 @@ def parse_length_mm(text: str) -> float:
         raise UnitsError(f"{text!r} is not a length", expected="a number with a unit, as 1.5mm")
     number, unit = match.groups()
     return float(number) * mm_per(unit or "mm")
+
+
+def parse_mpe(text: str) -> tuple[float, float]:
+    """Return A and K of a statement of length error, MPE(L) = A + L/K um, L in mm.
+
+    Parameters
+    ----------
+    text : str
+        ``0.7+L/400``, ``1.5+3L/1000``, ``0.7+0.0025*L`` or ``1.2``; with or without um, brackets, the sign ±,
+        and a comma for the point.
+
+    Returns
+    -------
+    constant_um : float
+        A.
+    divisor : float
+        K, mm of length per um; infinite where the limit does not grow with the length.
+
+    Raises
+    ------
+    UnitsError
+        If the text is none of these, or allows no error at all.
+
+    Examples
+    --------
+    >>> parse_mpe("0.7um + L/400")
+    (0.7, 400.0)
+    """
+    tight = re.sub(r"(?<![\d.])\s+|\s+(?![\d.])", "", text)  # a blank inside a number is a mistake
+    bare = re.sub(r"[uµμ]m", "", tight).replace(",", ".").removeprefix("±")
+    bare = re.sub(r"^\((.*)\)$", r"\1", bare)
+    match = _MPE.fullmatch(bare)
+    thousands = re.search(r"[1-9]\d*,\d{3}(?!\d)", tight)  # or a decimal comma: a factor of 1000
+    if match is not None and thousands is None:
+        constant, linear, factor, divisor = match.groups()
+        a, k = float(constant), float(divisor or 1.0)
+        slope = float(factor or 1.0) / k if linear and k > 0.0 else 0.0
+        if k > 0.0 and 0.0 < a + slope < math.inf:
+            return a, 1.0 / slope if slope > 0.0 else math.inf
+    raise UnitsError(
+        f"{text!r} is no statement of length error",
+        expected="um with the length L in mm, as 0.7+L/400 or 1.5+3L/1000",
+    )
