@@ -56,12 +56,54 @@ class AlignConfig:
     """Search all poses: auto (where the start may have led astray and none was given), always, never."""
     criterion: str = "least-squares"
     """least-squares; minimum-zone: smallest largest deviation; least-stock: no deviation below zero, the
-    largest as small as can be (the least to take off so that the part cleans up everywhere)."""
+    largest as small as can be (the least to take off so that the part cleans up everywhere);
+    within-tolerance: is there any position in which every point keeps its limits?"""
+    tolerance_lower_um: float = 0.0
+    """For within-tolerance: least deviation; both limits 0 ask for a file of limits."""
+    tolerance_upper_um: float = 0.0
+    """For within-tolerance: largest deviation."""
+    weights: str = "equal"
+    """equal; sigma: one over the square of the stated uncertainty of each point; area: the surface that each
+    point stands for, so that an uneven scan does not bias; stated: a column or file of weights."""
+    lock: str = ""
+    """Motions held at the start: any of rx, ry, rz, tx, ty, tz, with commas between."""
+    lock_frame: str = "part"
+    """Frame whose axes they are along: part or machine."""
+    centre: str = ""
+    """Centre of rotation for locked motions in that frame, "x, y, z"; its origin by default."""
+    fit_region: str = ""
+    """Only points there steer the fit: circle:X,Y,R rectangle:X,Y,W,H annulus:X,Y,R1,R2 polygon:X1,Y1,...
+    aperture:-D."""
+    report_region: str = ""
+    """Only points there count in the numbers and in the map; the whole nominal by default."""
+    edge_proud_um: float = 10.0
+    """Points so near the border that an edge proud by this much is touched first do not steer the fit."""
+    scale: str = "fixed"
+    """fixed, or free: fit a scale of the measured cloud too."""
+    temperature_c: float = 20.0
+    """Temperature of the part when it was measured."""
+    expansion_per_k: float = 0.0
+    """Its coefficient of thermal expansion, relative to the scales of the machine."""
     outliers: str = "reject"
     """reject: points far from the surface and from their neighbours do not steer the fit, and are listed;
     keep: every point on the nominal counts."""
     trust_me: bool = False
     """Go on although the data look like a mistake: contact points, a diameter for a radius, wrong side."""
+    method: str = "foot-point"
+    """foot-point; or, to compare with: icp, point-to-plane, facet, xiong, estimated-normals."""
+    monte_carlo: int = 0
+    """Simulated repetitions of the measurement, for the uncertainty of pose, PV and RMS; 0 for none."""
+    mpe: str = ""
+    """Error of length measurement that the machine is specified with, in um, L in mm: "0.7+L/400"."""
+    seed: int = 1
+    """Of the simulated errors: the same seed gives the same numbers."""
+    bidirectional: bool = False
+    """Triangulate the measured cloud too, and measure the nominal against it."""
+    max_wedge_arcmin: float = 0.0
+    """What the drawing allows of the motion that the best fit takes away; 0 is no limit."""
+    max_decentre_um: float = 0.0
+    max_clocking_arcmin: float = 0.0
+    max_thickness_um: float = 0.0
     max_iterations: int = 50
     coarse_points: int = 10_000
     """Points that carry the first iterations; the last ones use all."""
@@ -123,6 +165,16 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "plan_points": (36, 10_000_000),
     "plan_speed_mm_s": (1e-3, 1e5),
     "plan_point_s": (0.0, 1e4),
+    "tolerance_lower_um": (-1e9, 1e9),
+    "tolerance_upper_um": (-1e9, 1e9),
+    "monte_carlo": (0, 100_000),
+    "seed": (0, 2**31),
+    "max_wedge_arcmin": (0.0, 1e6),
+    "max_decentre_um": (0.0, 1e9),
+    "max_clocking_arcmin": (0.0, 1e6),
+    "max_thickness_um": (0.0, 1e9),
+    "temperature_c": (-50.0, 100.0),
+    "expansion_per_k": (-1e-4, 1e-3),
     "max_iterations": (0, 100_000),
     "coarse_points": (100, 100_000_000),
     "max_rotation_step_deg": (0.1, 180.0),
@@ -187,7 +239,25 @@ def overlaid(settings: T, table: Mapping[str, Any], *, where: str) -> T:
             raise UsageError(f"{key} = {value!r}", where=where, expected=f"a value like {default!r}")
         else:
             changes[name] = value
-        low, high = LIMITS.get(name, (-float("inf"), float("inf")))
-        if isinstance(value, int | float) and not low <= value <= high:
-            raise UsageError(f"{key} = {value!r}", where=where, expected=f"{low:g} to {high:g}")
+        _check_limits(name, value, where=where)
     return replace(settings, **changes)  # type: ignore[type-var]
+
+
+def checked(settings: T) -> T:
+    """Return settings that were put together by hand, if every number is within `LIMITS`.
+
+    Raises
+    ------
+    UsageError
+        If one is not.
+    """
+    for field in fields(settings):  # type: ignore[arg-type]
+        _check_limits(field.name, getattr(settings, field.name), where="")
+    return settings
+
+
+def _check_limits(name: str, value: object, *, where: str) -> None:
+    """Refuse a number outside its limits."""
+    low, high = LIMITS.get(name, (-float("inf"), float("inf")))
+    if isinstance(value, int | float) and not low <= value <= high:
+        raise UsageError(f"{name} = {value!r}", where=where, expected=f"{low:g} to {high:g}")

@@ -9,12 +9,13 @@ from typing import Final, TypeAlias
 from cmm_align import formats, io
 from cmm_align.errors import MalformedInputError, MissingFileError, UsageError, WrongStageError
 from cmm_align.io.schema import NOMINAL, STAGES
-from cmm_align.model import Nominal, PointKind, PointSet
+from cmm_align.model import FitStep, Nominal, PointKind, PointSet
 from cmm_align.provenance import Step
 from cmm_align.surfaces.mesh import TriangleMesh
 from cmm_align.surfaces.nurbs import NurbsSurface
 from cmm_align.surfaces.prescription import PrescriptionSurface
 from cmm_align.surfaces.protocol import Array
+from cmm_align.units import UM_PER_MM
 
 AnyNoun: TypeAlias = io.Noun | PointSet | PrescriptionSurface | TriangleMesh | NurbsSurface
 
@@ -165,6 +166,31 @@ def write_points(
     )
     with io.atomic_path(path, overwrite) as temporary, temporary.open("wb") as stream:
         stream.writelines(blocks)
+
+
+def write_iterations(path: Path | str, steps: Sequence[FitStep], *, overwrite: bool = False) -> None:
+    """Write every step of a fit as CSV, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    steps : sequence of FitStep
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an old file is then as it was.
+    """
+    lines = ["step,phase,movement_mm,rms_um,cost_mm2,n_used"]
+    for number, step in enumerate(steps):
+        rms_um = max(step.cost_mm2, 0.0) ** 0.5 * UM_PER_MM
+        lines.append(
+            f"{number},{step.phase},{step.movement_mm:.17g},{rms_um:.17g},{step.cost_mm2:.17g},{step.n_used}"
+        )
+    with io.atomic_path(path, overwrite) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
 
 
 def write_grid(

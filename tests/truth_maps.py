@@ -108,6 +108,8 @@ def aligned(
         normals=frozen_array(back.rotate(n)),
         deviation_mm=frozen_array(e),
         used=frozen_array(np.ones(len(x)), np.bool_),
+        judged=frozen_array(np.ones(len(x)), np.bool_),
+        status=frozen_array(np.zeros(len(x)), np.uint8),
         ids=frozen_array(np.arange(len(x)), np.int64),
-        report=FitReport(1, "made up", True, (), {}, 0.0, (), "smooth", 0, 0),
+        report=FitReport(1, "made up", True, (), {}, 0.0, "smooth", 0, 0),
     )

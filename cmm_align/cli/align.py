@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome, beside, typed
+from cmm_align.cli.job import Job
 from cmm_align.cli.options import FILE, TIP_RADIUS_HELP, Length, output_option
-from cmm_align.config import AlignConfig
-from cmm_align.errors import UsageError
-
-if TYPE_CHECKING:
-    from cmm_align.model import Nominal, PointSet
-    from cmm_align.pose import Pose
-
-NO_BALL_MM = 1e-3
-"""Tip radius where contact points are laid on a raw nominal: no ball is needed, and none so small matters."""
+from cmm_align.config import AlignConfig, checked
+from cmm_align.errors import UnitsError, UsageError
+from cmm_align.units import UM_PER_MM, parse_length_mm
 
 TEXT = """Best-fit pose of MEASURED on NOMINAL, with deviations and contact points.
 
 MEASURED holds tip centres as the machine reports them, in one file or several of one clamping.
 NOMINAL is what `offset` wrote; a raw nominal will do if --tip-radius is given. The part may lie on the
-table in any place and orientation.
+table in any place and orientation. Most parts need no option at all.
 """
+
+LIMITS = {
+    "wedge": ("max_wedge_arcmin", "arcmin"),
+    "decentre": ("max_decentre_um", "um"),
+    "clocking": ("max_clocking_arcmin", "arcmin"),
+    "thickness": ("max_thickness_um", "um"),
+}
+"""What --limit may name: the setting behind it, and its unit."""
 
 
 @options.command("align", TEXT)
@@ -40,33 +41,117 @@ table in any place and orientation.
 @click.option("--face", type=click.IntRange(min=1), metavar="N", help="Face of a raw CAD nominal.")
 @click.option("--contact-points", is_flag=True, help="MEASURED is compensated for the tip already.")
 @click.option(
-    "--distance",
-    type=click.Choice(["smooth", "facet"]),
-    help="Foot point on a smooth surface, or the plane of the triangle.  [default: smooth]",
+    "--initial",
+    metavar="FILE|identity|search",
+    help="Start from a 4x4 matrix part_from_machine (text), from an earlier alignment, as it lies, or from a"
+    " search over all poses.  [default: as it lies, and a search where that is not good enough]",
 )
 @click.option(
     "--criterion",
-    type=click.Choice(["least-squares", "minimum-zone", "least-stock"]),
+    type=click.Choice(["least-squares", "minimum-zone", "least-stock", "within-tolerance"]),
     help="What the best fit makes small: squares, the largest deviation, or the stock to take off so that"
-    " no deviation stays below zero.  [default: least-squares]",
+    " no deviation stays below zero; or whether any position keeps a tolerance.  [default: least-squares]",
+)
+@click.option(
+    "--tolerance",
+    metavar="L|LOW,HIGH|FILE",
+    help="Is there any position in which every deviation is within L, from LOW to HIGH, or within the limits"
+    " of a table (id, lower_um, upper_um)? The exit code tells.",
+)
+@click.option(
+    "--lock",
+    metavar="MOTIONS",
+    help="Hold motions at the start: any of rx,ry,rz,tx,ty,tz.",
+)
+@click.option(
+    "--lock-frame",
+    type=click.Choice(["part", "machine"]),
+    help="Frame of the locked motions.  [default: part]",
+)
+@click.option(
+    "--centre", metavar="X,Y,Z", help="Centre of rotation in that frame, with --lock.  [default: its origin]"
+)
+@click.option(
+    "--fit-region",
+    metavar="REGION",
+    help="Only points there steer the fit: circle:X,Y,R rectangle:X,Y,W,H annulus:X,Y,R1,R2"
+    " polygon:X1,Y1,... aperture:-MARGIN or a TOML file.  [default: the nominal]",
+)
+@click.option(
+    "--report-region", metavar="REGION", help="Only points there count in numbers and map; as --fit-region."
+)
+@click.option(
+    "--weights",
+    metavar="equal|sigma|area|FILE",
+    help="How much points count: alike, by their stated uncertainty, by the area that each stands for, or by"
+    " a table (id, weight).  [default: equal, or the column weight of MEASURED]",
+)
+@click.option(
+    "--fiducials", type=FILE, metavar="FILE", help="Datum points with their uncertainty, beside the surface."
 )
 @click.option(
     "--outliers",
     type=click.Choice(["reject", "keep"]),
     help="Touches on dirt: left out of the fit and listed, or kept.  [default: reject]",
 )
-@click.option("--trust-me", is_flag=True, help="Go on although the data look like a mistake.")
+@click.option("--trust-me", is_flag=True, default=None, help="Go on although the data look like a mistake.")
+@click.option(
+    "--temperature",
+    "temperature_c",
+    type=float,
+    metavar="C",
+    help="Of the part, for a fixed scale.  [default: 20]",
+)
+@click.option(
+    "--expansion",
+    "expansion_per_k",
+    type=float,
+    metavar="1/K",
+    help="Of the part against the machine's scales: 7.1e-6.",
+)
+@click.option(
+    "--scale",
+    type=click.Choice(["fixed", "free"]),
+    help="Fit a scale as well, and tell what it cannot be told from.  [default: fixed]",
+)
+@click.option(
+    "--limit",
+    "limits",
+    multiple=True,
+    metavar="MOTION=VALUE",
+    help="Limit of the motion that the best fit takes away: wedge=3 (arcmin), decentre=20 (um), clocking=5"
+    " (arcmin), thickness=50 (um). The exit code tells.",
+)
+@click.option(
+    "--monte-carlo", type=click.IntRange(min=40), metavar="N", help="Simulate N measurements; needs --mpe."
+)
+@click.option("--mpe", metavar="A+L/K", help="Error of length measurement of the machine, um: '0.7+L/400'.")
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of the simulation.  [default: 1]")
+@click.option(
+    "--bidirectional",
+    is_flag=True,
+    default=None,
+    help="Triangulate the cloud too, and measure the nominal against it.",
+)
+@click.option(
+    "--distance",
+    type=click.Choice(["smooth", "facet"]),
+    help="Foot point on a smooth surface, or the plane of the triangle.  [default: smooth]",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["foot-point", "icp", "point-to-plane", "facet", "xiong", "estimated-normals"]),
+    help="To compare with: methods of the literature.  [default: foot-point]",
+)
 @click.option(
     "--iterations",
+    "max_iterations",
     type=click.IntRange(min=0),
     metavar="N",
     help="At most so many; 0 evaluates the start pose.  [default: 50]",
 )
 @click.option(
-    "--initial",
-    metavar="FILE|identity|search",
-    help="Start from a 4x4 matrix part_from_machine (text), from an earlier alignment, as it lies, or from a"
-    " search over all poses.  [default: as it lies, and a search where that is not good enough]",
+    "--log-iterations", type=FILE, metavar="FILE.csv", help="Write every step: movement, RMS, points used."
 )
 @output_option("<measured>.align.h5")
 def command(
@@ -78,15 +163,17 @@ def command(
     side: str | None,
     face: int | None,
     contact_points: bool,
-    distance: str | None,
-    criterion: str | None,
-    outliers: str | None,
-    trust_me: bool,
-    iterations: int | None,
     initial: str | None,
+    tolerance: str | None,
+    weights: str | None,
+    fiducials: Path | None,
+    limits: tuple[str, ...],
+    log_iterations: Path | None,
     output: Path | None,
+    **settings: Any,
 ) -> int:
     """Parse, call, show."""
+    from cmm_align.cli.alignment_run import Ball, Tables, make_alignment
     from cmm_align.cli.show import finish
 
     if nominal is None or not measured:
@@ -94,189 +181,70 @@ def command(
             "two files are needed: MEASURED NOMINAL" + ("" if nominal is None else f", and {nominal} is one"),
             remedy="the order is: cmm-align align part.csv nominal.h5",
         )
-    config = job.config.align
-    if distance is not None:
-        config = replace(config, distance=distance)
-    if criterion is not None:
-        config = replace(config, criterion=criterion)
-    if outliers is not None:
-        config = replace(config, outliers=outliers)
+    known = {field.name for field in fields(AlignConfig)}
+    given = {name: value for name, value in settings.items() if value is not None and name in known}
+    config = replace(job.config.align, **given)
     if initial == "search":
         config, initial = replace(config, search="always"), None
-    if trust_me:
-        config = replace(config, trust_me=True)
-    if iterations is not None:
-        config = replace(config, max_iterations=iterations)
+    config, weights_file = _weights(config, weights)
+    config, limits_file = _tolerance(config, tolerance)
+    config = checked(_limits(config, limits))
+    if config.monte_carlo and not config.mpe:
+        raise UsageError("--monte-carlo without the error of the machine", expected="--mpe '0.7+L/400'")
+    tables = Tables(weights_file, limits_file, fiducials, log_iterations)
     ball = Ball(tip_radius, contact_points, side, face)
-    return finish(job, make_alignment(job, measured, nominal, config, ball, initial=initial, output=output))
-
-
-@dataclass(frozen=True, slots=True)
-class Ball:
-    """What the command line says about the probe and a raw nominal."""
-
-    tip_radius_mm: float | None = None
-    contact_points: bool = False
-    side: str | None = None
-    face: int | None = None
-
-
-def make_alignment(
-    job: Job,
-    measured: Sequence[Path],
-    nominal: Path,
-    config: AlignConfig,
-    ball: Ball = Ball(),
-    *,
-    initial: str | None = None,
-    output: Path | None = None,
-) -> Outcome:
-    """Read points and nominal, align them and write the result.
-
-    Parameters
-    ----------
-    job : Job
-    measured : sequence of Path
-        Points of one clamping.
-    nominal : Path
-        What `offset` wrote, or a raw nominal if the ball is known.
-    config : AlignConfig
-    ball : Ball
-    initial : str, optional
-        ``identity``, or the name of a file with the start pose.
-    output : Path, optional
-        Beside the first measured file unless given.
-    """
-    from cmm_align import files, io
-    from cmm_align.cli import cautions, opening, record, results
-    from cmm_align.cli.progress import progress_bar
-    from cmm_align.cli.start import start_pose
-    from cmm_align.model import Nominal
-    from cmm_align.report import summary
-    from cmm_align.stages.align import align
-    from cmm_align.stages.plausibility import check_measured
-
-    for path in measured:
-        opening.check_kind(path, opening.POINTS)
-    opening.check_kind(nominal, opening.NOMINAL)
-    if output is None:
-        output = beside(measured[0], ".align.h5")
-    inputs = [*measured, nominal]
-    points = joined([files.read_measured(path, job.units) for path in measured], contact=ball.contact_points)
-    source = files.read_nominal_any(nominal, job.units, config.distance == "facet", ball.face)
-    _check_ball(source, ball, where=str(nominal))
-    if isinstance(source, Nominal) and output.exists():
-        check_measured(points, source)  # a wrong unit is the larger mistake: it comes first
-    record.check_outputs(job, [output], inputs)
-    target = source if isinstance(source, Nominal) else _offset(job, source, ball)
-    start: Pose | None = None if initial is None else start_pose(initial)
-    with progress_bar(job) as progress:
-        alignment = align(points, target, config, start=start, progress=progress)
-    steps = record.steps(
+    return finish(
         job,
-        inputs,
-        after=[nominal] if isinstance(source, Nominal) else [],
-        align=config,
-        tip_radius_mm=target.tip_radius_mm,
-        contact_points=ball.contact_points,
-        initial=initial,
-        units=job.units,
-    )
-    io.write(alignment, output, steps, overwrite=job.overwrite)
-    return Outcome(
-        command=job.command,
-        noun=alignment,
-        inputs=steps[-1].inputs,
-        outputs=[output],
-        result=results.of_alignment(alignment),
-        rows=[results.probe_row(target), *summary.of_alignment(alignment)],
-        details=summary.details_of_alignment(alignment),
-        warnings=cautions.of_alignment(alignment),
-        next_command=typed("cmm-align", "error-map", output),
+        make_alignment(job, measured, nominal, config, ball, initial=initial, tables=tables, output=output),
     )
 
 
-def joined(sets: Sequence[PointSet], *, contact: bool) -> PointSet:
-    """Return point sets of one clamping as one.
-
-    Parameters
-    ----------
-    sets : sequence of PointSet
-        At least one.
-    contact : bool
-        Whether the user says that they are contact points.
-
-    Raises
-    ------
-    WrongStageError
-        If they are of different kinds or frames.
-    """
-    import numpy as np
-
-    from cmm_align.errors import WrongStageError
-    from cmm_align.model import PointKind, PointSet
-
-    for points in sets if contact else ():
-        if points.kind is PointKind.TIP_CENTRE:
-            raise WrongStageError(
-                "--contact-points, but the file says that these are tip centres",
-                where=points.source,
-                expected="one or the other",
-                remedy="leave the option out, or correct the header of the file",
-            )
-    if contact:
-        sets = [replace(points, kind=PointKind.CONTACT) for points in sets]
-    first = sets[0]
-    for points in sets[1:]:
-        if (points.kind, points.frame) != (first.kind, first.frame):
-            raise WrongStageError(
-                f"{points.kind} points in frame {points.frame}",
-                where=points.source,
-                expected=f"{first.kind} points in frame {first.frame}, as {first.source} has",
-            )
-    if len(sets) == 1:
-        return first
-    sigmas = [points.sigma_mm for points in sets if points.sigma_mm is not None]
-    return PointSet.of(
-        np.concatenate([points.points_mm for points in sets]),
-        kind=first.kind,
-        frame=first.frame,
-        source=", ".join(points.source for points in sets),
-        sigma_mm=np.concatenate(sigmas) if len(sigmas) == len(sets) else None,
-    )
+def _weights(config: AlignConfig, weights: str | None) -> tuple[AlignConfig, Path | None]:
+    """Return how points are weighted, and the table of weights if that is a file."""
+    if weights is None:
+        return config, None
+    if weights in {"equal", "sigma", "area", "stated"}:
+        return replace(config, weights=weights), None
+    return replace(config, weights="stated"), Path(weights)
 
 
-def _check_ball(source: object, ball: Ball, *, where: str) -> None:
-    """Refuse a raw nominal without a tip radius, and a tip radius that is not the nominal's."""
-    from cmm_align.model import Nominal
-    from cmm_align.stages.offset import SIDES
-
-    radius = ball.tip_radius_mm
-    if isinstance(source, Nominal):
-        if ball.side is not None and SIDES[ball.side] != source.side:
-            raise UsageError(
-                f"--side {ball.side}, but this nominal was offset to the other side",
-                where=where,
-                remedy="leave the option out, or run offset again",
-            )
-        if radius is not None and radius != source.tip_radius_mm:
-            raise UsageError(
-                f"--tip-radius {radius:g} mm, but this nominal was offset by {source.tip_radius_mm:g} mm",
-                where=where,
-                remedy="leave the option out, or run offset again",
-            )
-    elif radius is None and not ball.contact_points:
+def _tolerance(config: AlignConfig, tolerance: str | None) -> tuple[AlignConfig, Path | None]:
+    """Return the limits of all deviations, or the table of limits if that is a file."""
+    if tolerance is None:
+        return config, None
+    if config.criterion not in {"least-squares", "within-tolerance"}:
         raise UsageError(
-            "a raw nominal needs the tip radius",
-            where=where,
-            remedy="give --tip-radius, or the file that offset wrote",
+            f"--tolerance and --criterion {config.criterion}", expected="one or the other: a tolerance is one"
         )
+    config = replace(config, criterion="within-tolerance")
+    words = tolerance.split(",")
+    try:
+        lengths = [parse_length_mm(word) * UM_PER_MM for word in words]
+    except UnitsError:
+        if Path(tolerance).is_file():
+            return config, Path(tolerance)
+        raise UsageError(
+            f"--tolerance {tolerance!r} is neither a length nor a file",
+            expected="5um, -2um,8um, or a table with the columns id, lower_um, upper_um",
+        ) from None
+    low, high = (-abs(lengths[0]), abs(lengths[0])) if len(lengths) == 1 else (lengths[0], lengths[-1])
+    if len(lengths) > 2 or low >= high:
+        raise UsageError(f"--tolerance {tolerance!r}", expected="a length, or LOW,HIGH with LOW below HIGH")
+    return replace(config, tolerance_lower_um=low, tolerance_upper_um=high), None
 
 
-def _offset(job: Job, source: object, ball: Ball) -> Nominal:
-    """Return a raw nominal with its ball."""
-    from cmm_align.stages.offset import offset
-
-    config = job.config.offset if ball.side is None else replace(job.config.offset, side=ball.side)
-    radius_mm = NO_BALL_MM if ball.tip_radius_mm is None else ball.tip_radius_mm
-    return offset(source, radius_mm, config)  # type: ignore[arg-type]
+def _limits(config: AlignConfig, limits: tuple[str, ...]) -> AlignConfig:
+    """Return the limits of the motion that the best fit takes away."""
+    for text in limits:
+        name, _, value = text.partition("=")
+        setting, unit = LIMITS.get(name.strip().lower(), ("", ""))
+        try:
+            limit = float(value.strip().removesuffix(unit)) if setting else 0.0
+        except ValueError:
+            limit = 0.0
+        if not 0.0 < limit < float("inf"):
+            known = ", ".join(f"{key}=VALUE in {word}" for key, (_, word) in LIMITS.items())
+            raise UsageError(f"--limit {text!r}", expected=known)
+        changes: dict[str, Any] = {setting: limit}
+        config = replace(config, **changes)
+    return config

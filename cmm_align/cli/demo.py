@@ -166,7 +166,7 @@ def measure_and_map(
     seed : int
         Of the noise.
     """
-    from cmm_align.cli.align import make_alignment
+    from cmm_align.cli.alignment_run import make_alignment
     from cmm_align.cli.error_map import make_map
     from cmm_align.files import write_points
     from cmm_align.model import PointKind, PointSet

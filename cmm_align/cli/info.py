@@ -101,11 +101,12 @@ def _summary(path: Path) -> tuple[Rows, Rows]:
     from cmm_align import io
     from cmm_align.cli.results import probe_row
     from cmm_align.model import Alignment, Correction, DeviationMap
-    from cmm_align.report import summary
+    from cmm_align.report import alignment_summary, summary
 
     noun = io.read(path)
     if isinstance(noun, Alignment):
-        return [probe_row(noun.nominal), *summary.of_alignment(noun)], summary.details_of_alignment(noun)
+        details = alignment_summary.details_of_alignment(noun)
+        return [probe_row(noun.nominal), *alignment_summary.of_alignment(noun)], details
     if isinstance(noun, DeviationMap):
         word, reasons = summary.verdict_of(noun)
         verdict = [("verdict", f"{word}: {'; '.join(reasons)}")] if word else []

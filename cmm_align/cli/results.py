@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,12 +18,15 @@ from cmm_align import __version__
 from cmm_align.cli.job import Outcome
 from cmm_align.errors import InputError
 from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, Statistics
+from cmm_align.report.alignment_summary import outliers_of
 from cmm_align.units import DEG_PER_RAD, NM_PER_MM, UM_PER_MM
 
 if TYPE_CHECKING:
     from cmm_align.stages.plan import MeasuringPlan
 
 SECONDS_PER_MINUTE: Final = 60.0
+MOST_OUTLIERS: Final = 1000
+"""Outliers that are listed, largest first; the file tells of every point."""
 
 
 def document(outcome: Outcome) -> dict[str, Any]:
@@ -136,10 +140,10 @@ def rows_of_plan(plan: MeasuringPlan) -> list[tuple[str, str]]:
 
 
 def of_alignment(alignment: Alignment) -> dict[str, Any]:
-    """Return the result of `align`; PV and RMS are those of the points that steered the fit."""
+    """Return the result of `align`; PV and RMS are those of the points in the report region that touched."""
     report = alignment.report
     pose = alignment.part_from_machine
-    used = alignment.deviation_mm[alignment.used] * UM_PER_MM
+    judged = alignment.deviation_mm[alignment.judged] * UM_PER_MM
     return {
         "tip_radius_mm": alignment.nominal.tip_radius_mm,
         "side": side_word(alignment.nominal),
@@ -155,16 +159,49 @@ def of_alignment(alignment: Alignment) -> dict[str, Any]:
         "stop_reason": report.stop_reason,
         "converged": report.converged,
         "distance": report.distance,
-        "rms_um": float(np.sqrt(np.mean(used**2))),
-        "pv_um": float(np.ptp(used)),
-        "mean_um": float(np.mean(used)),
-        "max_abs_um": float(np.max(np.abs(used))),
+        "rms_um": float(np.sqrt(np.mean(judged**2))),
+        "pv_um": float(np.ptp(judged)),
+        "mean_um": float(np.mean(judged)),
+        "max_abs_um": float(np.max(np.abs(judged))),
         "unobservable": list(report.unobservable),
         "pose_sigma": dict(report.pose_sigma),
         "two_path_difference_nm": report.two_path_difference_nm,
         "criterion": report.criterion,
         "certificate": dict(report.certificate),
         "cost_history_mm2": list(report.cost_history_mm2),
+        "n_edge": report.n_edge,
+        "n_not_reached": report.n_not_reached,
+        "n_apart": report.n_apart,
+        "n_judged": len(judged),
+        "outliers": [_point(alignment, k) for k in outliers_of(alignment)[:MOST_OUTLIERS]],
+        "proof_ids": list(report.proof_ids),
+        "locked": list(report.locked),
+        "lock_frame": report.lock_frame,
+        "weights": report.weights,
+        "fit_region": report.fit_region,
+        "report_region": report.report_region,
+        "n_fiducials": report.n_fiducials,
+        "scale": report.scale,
+        "scale_sigma": None if report.free_scale is None else report.free_scale.sigma,
+        "scale_correlation": None if report.free_scale is None else dict(report.free_scale.correlation),
+        "correlated_errors": report.correlated,
+        "method": report.method,
+        "knowledge": None if report.knowledge is None else asdict(report.knowledge),
+        "removed_motion": None if report.removed is None else asdict(report.removed),
+        "monte_carlo": None if report.monte_carlo is None else asdict(report.monte_carlo),
+        "bidirectional": None if report.bidirectional is None else asdict(report.bidirectional),
+    }
+
+
+def _point(alignment: Alignment, k: int) -> dict[str, Any]:
+    """Return one point: its id, its place on the part, its deviation."""
+    x, y, z = alignment.contact_part_mm[k].tolist()
+    return {
+        "id": int(alignment.ids[k]),
+        "x_mm": x,
+        "y_mm": y,
+        "z_mm": z,
+        "deviation_um": float(alignment.deviation_mm[k]) * UM_PER_MM,
     }
 
 

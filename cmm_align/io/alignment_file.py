@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.records import read_record, write_record
-from cmm_align.io.safe_hdf5 import read_array
+from cmm_align.io.safe_hdf5 import find, is_older, read_array
 from cmm_align.io.surface_group import CARRIED, read_nominal_group, read_pose, write_nominal_group, write_pose
 from cmm_align.io.writing import write_array
-from cmm_align.model import Alignment, FitReport
+from cmm_align.model import Alignment, FitReport, frozen_array
 
 
 def write_body(file: h5py.File, alignment: Alignment) -> None:
@@ -23,6 +25,10 @@ def write_body(file: h5py.File, alignment: Alignment) -> None:
     write_array(points, "normal", alignment.normals)
     write_array(points, "deviation_mm", alignment.deviation_mm)
     write_array(points, "used", alignment.used)
+    write_array(points, "judged", alignment.judged)
+    write_array(points, "status", alignment.status)
+    if alignment.sigma_mm is not None:
+        write_array(points, "sigma_mm", alignment.sigma_mm)
     write_array(points, "id", alignment.ids)
     write_record(file.create_group("report"), alignment.report)
 
@@ -37,6 +43,12 @@ def read_body(file: h5py.File) -> Alignment:
     """
     machine = read_array(file, "/points/tip_centre_machine_mm", (None, 3), finite=True)
     n = len(machine)
+    used = read_array(file, "/points/used", (n,), "b")
+    judged, status = used, (~used).astype("uint8")  # as files of older versions meant it
+    if not is_older(file):
+        judged = read_array(file, "/points/judged", (n,), "b")
+        status = read_array(file, "/points/status", (n,), "i").astype("uint8")
+    has_sigma = find(file, "/points/sigma_mm") is not None
     return Alignment(
         nominal=read_nominal_group(file, CARRIED),
         part_from_machine=read_pose(file, "/pose/part_from_machine"),
@@ -46,7 +58,10 @@ def read_body(file: h5py.File) -> Alignment:
         contact_part_mm=read_array(file, "/points/contact_part_mm", (n, 3)),
         normals=read_array(file, "/points/normal", (n, 3)),
         deviation_mm=read_array(file, "/points/deviation_mm", (n,)),
-        used=read_array(file, "/points/used", (n,), "b"),
+        used=used,
+        judged=judged,
+        status=frozen_array(status, np.uint8),
         ids=read_array(file, "/points/id", (n,), "i"),
         report=read_record(file, "/report", FitReport),
+        sigma_mm=read_array(file, "/points/sigma_mm", (n,)) if has_sigma else None,
     )

@@ -6,14 +6,14 @@ import json
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
 from cmm_align.errors import MalformedInputError
 from cmm_align.io.hdf5_library import h5py
-from cmm_align.io.safe_hdf5 import attribute, find, json_attribute, where_of
+from cmm_align.io.safe_hdf5 import attribute, find, is_older, json_attribute, where_of
 
 T = TypeVar("T")
 
@@ -38,15 +38,20 @@ def read_record(file: h5py.File, path: str, kind: type[T]) -> T:
     Raises
     ------
     MalformedInputError
-        If a field is missing or of another type.
+        If a field is missing (one without a default, in files of older versions) or of another type.
     """
     owner = find(file, path)
     if owner is None:
         raise MalformedInputError("the group is missing", where=where_of(file, path))
     values: dict[str, Any] = {}
-    for name, hint in typing.get_type_hints(kind).items():
-        inner, optional = _without_none(hint)
-        if optional and name not in owner.attrs:
+    hints = typing.get_type_hints(kind)
+    for field in fields(kind):  # type: ignore[arg-type]
+        name = field.name
+        inner, optional = _without_none(hints[name])
+        has_default = field.default is not MISSING or field.default_factory is not MISSING
+        if name not in owner.attrs and has_default and (optional or is_older(file)):
+            continue
+        if name not in owner.attrs and optional:
             values[name] = None
         elif inner in {bool, int, float, str}:
             values[name] = attribute(file, path, name, inner)
@@ -64,9 +69,14 @@ def typed(value: Any, hint: Any, where: str) -> Any:
     MalformedInputError
         If it is of another type.
     """
+    hint, optional = _without_none(hint)
+    if optional and value is None:
+        return None
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
+    if hint is bool and isinstance(value, bool):
+        return value
     if hint in {int, str} and isinstance(value, hint) and not isinstance(value, bool):
         return value
     if origin is tuple and isinstance(value, list):

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from cmm_align.errors import InputError, MalformedInputError, MissingFileError
 from cmm_align.io.hdf5_library import h5py
+from cmm_align.io.schema import VERSION
 
 MAGIC: Final = b"\x89HDF\r\n\x1a\n"
 MAX_VALUES: Final = 500_000_000
@@ -228,6 +229,11 @@ def read_text(file: h5py.File, path: str) -> str:
             f"type {found.dtype} of shape {found.shape}", where=where_of(file, path), expected="one text"
         )
     return bytes(found[()]).decode("utf-8")
+
+
+def is_older(file: h5py.File) -> bool:
+    """Return whether a file was written by an older version: what came later may be missing in it."""
+    return "schema_version" in file.attrs and attribute(file, "/", "schema_version", int) < VERSION
 
 
 def attribute(file: h5py.File, path: str, name: str, kind: type = str) -> Any:

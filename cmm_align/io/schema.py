@@ -12,8 +12,11 @@ ALIGNMENT: Final = "cmm-align/alignment"
 MAP: Final = "cmm-align/map"
 CORRECTION: Final = "cmm-align/correction"
 
-VERSION: Final = 1
-"""Newest version of all schemas; a reader refuses newer ones and knows all older ones."""
+VERSION: Final = 2
+"""Newest version of all schemas; a reader refuses newer ones and knows all older ones.
+
+1: the first. 2: an alignment tells why points did not steer the fit (`status`) and which count (`judged`).
+"""
 
 
 class Stage(NamedTuple):
@@ -89,6 +92,13 @@ DATASETS: Final[dict[str, Dataset]] = {
     "points/normal": Dataset("1", "unit normal of the nominal at the foot point, frame part"),
     "points/deviation_mm": Dataset("mm", "along the normal, positive = excess material"),
     "points/used": Dataset("1", "points that steered the fit"),
+    "points/judged": Dataset("1", "points whose deviation counts in numbers and map"),
+    "points/status": Dataset(
+        "1",
+        "0 = steered the fit, 1 = outside the nominal, 2 = outlier, 3 = in the edge band, "
+        "4 = not reached by the ball, 5 = apart (outside the fit region)",
+    ),
+    "points/sigma_mm": Dataset("mm", "standard uncertainty of the deviation: simulated, or as stated"),
     "points/id": Dataset("1", "number of the point in its source"),
     "grid/x_mm": Dataset("mm", "grid along x, frame surface"),
     "grid/y_mm": Dataset("mm", "grid along y, frame surface"),

@@ -7,42 +7,61 @@ projection direction is +z; the same as ``part`` unless the nominal lies on its 
 
 from __future__ import annotations
 
+from cmm_align.model.bidirectional import Bidirectional
+from cmm_align.model.fit_report import FitReport, FitStep, FreeScale, PointStatus
+from cmm_align.model.monte_carlo import MonteCarlo, PointSpread, Spread
 from cmm_align.model.nominal import (
     Equidistant,
     Nominal,
     NominalQuality,
 )
+from cmm_align.model.point_tables import Fiducials, PointLimits, PointWeights
 from cmm_align.model.points import (
     MIN_POINTS,
     IntArray,
     PointKind,
     PointSet,
     frozen_array,
+    joined,
 )
+from cmm_align.model.pose_knowledge import PoseKnowledge
+from cmm_align.model.removed_motion import MotionLimits, RemovedMotion
 from cmm_align.model.results import (
     Alignment,
     Correction,
     DeviationMap,
-    FitReport,
     LadderRung,
-    Statistics,
-    Verdict,
 )
+from cmm_align.model.statistics import Statistics, Verdict
 
 __all__ = [
     "MIN_POINTS",
     "Alignment",
+    "Bidirectional",
     "Correction",
     "DeviationMap",
     "Equidistant",
+    "Fiducials",
     "FitReport",
+    "FitStep",
+    "FreeScale",
     "IntArray",
     "LadderRung",
+    "MonteCarlo",
+    "MotionLimits",
     "Nominal",
     "NominalQuality",
     "PointKind",
+    "PointLimits",
     "PointSet",
+    "PointSpread",
+    "PointStatus",
+    "PointWeights",
+    "PoseKnowledge",
+    "RemovedMotion",
+    "Spread",
     "Statistics",
     "Verdict",
     "frozen_array",
+    "joined",
 ]

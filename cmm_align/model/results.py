@@ -2,42 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cmm_align.model.fit_report import FitReport
 from cmm_align.model.nominal import Nominal
 from cmm_align.model.points import IntArray
+from cmm_align.model.statistics import Statistics, Verdict
 from cmm_align.pose import Pose
 from cmm_align.surfaces.protocol import Array, Mask
-
-
-@dataclass(frozen=True, slots=True)
-class FitReport:
-    """How an alignment ended."""
-
-    iterations: int
-    stop_reason: str
-    converged: bool
-    unobservable: tuple[str, ...]
-    """Motions that the data cannot tell, in words; held at the start value."""
-    pose_sigma: Mapping[str, float]
-    """Standard uncertainties tx_um, ty_um, tz_um, rx_urad, ry_urad, rz_urad about the centroid."""
-    two_path_difference_nm: float
-    cost_history_mm2: tuple[float, ...]
-    """Mean squared residual before each step, mm^2."""
-    distance: str
-    """smooth or facet."""
-    n_outside: int
-    n_outliers: int
-    warnings: tuple[str, ...] = ()
-    """What the operator should know, a sentence each."""
-    criterion: str = "least-squares"
-    certificate: Mapping[str, float] = field(default_factory=dict)
-    """Proof of a minimum zone or least stock: `zone_um` (the value reached), `residual` (how far the proof is
-    from exact, dimensionless) and `n_active` (points that prove it); empty for least squares."""
-    correlated: bool = False
-    """Whether the covariance was raised because neighbouring points err alike (form error)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +24,7 @@ class Alignment:
     nominal : Nominal
     part_from_machine : Pose
     covariance : ndarray, shape (6, 6), rad and mm
-        Of a small motion (rx, ry, rz, tx, ty, tz) about the centroid of the used tip centres, in
-        frame `part`.
+        Of a small motion (rx, ry, rz, tx, ty, tz) about `centroid_mm`, in frame `part`.
     tip_centre_machine_mm, tip_centre_part_mm : ndarray, shape (N, 3), mm
     contact_part_mm : ndarray, shape (N, 3), mm, frame `part`
         ``tip centre - tip radius * normal``.
@@ -60,8 +34,16 @@ class Alignment:
         Along the normal, positive = excess material.
     used : ndarray of bool, shape (N,)
         Points that steered the fit.
+    judged : ndarray of bool, shape (N,)
+        Points whose deviation counts in numbers and map: all that touched the nominal, within the report
+        region where there is one.
+    status : ndarray of uint8, shape (N,)
+        `PointStatus`.
     ids : ndarray of int64, shape (N,)
     report : FitReport
+    sigma_mm : ndarray, shape (N,), mm, or None
+        Standard uncertainty of the single deviations: simulated where a Monte Carlo was asked for, else as
+        the measurement states it.
     """
 
     nominal: Nominal
@@ -73,27 +55,16 @@ class Alignment:
     normals: Array
     deviation_mm: Array
     used: Mask
+    judged: Mask
+    status: NDArray[np.uint8]
     ids: IntArray
     report: FitReport
-
-
-@dataclass(frozen=True, slots=True)
-class Statistics:
-    """Numbers of a set of deviations; the count stands beside them because PV grows with it."""
-
-    n: int
-    pv_mm: float
-    rms_mm: float
-    mean_mm: float
-    min_mm: float
-    max_mm: float
-    min_at_mm: tuple[float, float]
-    max_at_mm: tuple[float, float]
+    sigma_mm: Array | None = None
 
     @property
-    def profile_mm(self) -> float:
-        """Profile of a surface, ISO 1101: twice the largest absolute deviation, mm."""
-        return 2.0 * max(abs(self.min_mm), abs(self.max_mm))
+    def centroid_mm(self) -> Array:
+        """Centroid of all tip centres, shape (3,), mm, frame `part`: what small motions turn about."""
+        return np.asarray(self.tip_centre_part_mm.mean(axis=0), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +74,6 @@ class LadderRung:
     removed: str
     pv_mm: float
     rms_mm: float
-
-
-class Verdict(StrEnum):
-    """Outcome of a comparison with a tolerance."""
-
-    PASS = "pass"
-    FAIL = "fail"
-    UNDECIDED = "undecided"
-    NONE = "none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +90,8 @@ class DeviationMap:
     sag_deviation_mm : ndarray, shape (ny, nx), mm
         The same along +z of frame `surface`: ``deviation / n_z``.
     sigma_mm : ndarray, shape (ny, nx), mm
-        Standard uncertainty of `deviation_mm` from the scatter of the points.
+        Standard uncertainty of `deviation_mm` from the scatter of the points, and from their simulated
+        uncertainty where the alignment carries it.
     statistics : Statistics
         Of the nodes of the grid.
     point_statistics : Statistics

@@ -99,10 +99,11 @@ def draw_field(
 
 def draw_points(axes: Axes, alignment: Alignment) -> Line2D | None:
     """Draw the places of the measured points as tiny dots, unless there are too many to be told apart."""
-    used = alignment.used & np.isfinite(alignment.deviation_mm)
-    if not 0 < np.count_nonzero(used) < MOST_DOTS:
+    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
+    if not 0 < np.count_nonzero(judged) < MOST_DOTS:
         return None
-    foot = alignment.contact_part_mm[used] - alignment.deviation_mm[used, None] * alignment.normals[used]
+    e, normals = alignment.deviation_mm[judged, None], alignment.normals[judged]
+    foot = alignment.contact_part_mm[judged] - e * normals
     x, y, _ = alignment.nominal.surface_from_part.apply(foot).T
     (dots,) = axes.plot(x, y, "o", ms=1.5, mew=0.0, color=INK, alpha=0.55, zorder=3, label="measured point")
     return dots

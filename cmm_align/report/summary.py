@@ -6,20 +6,16 @@ Pure text: the command line decides on layout and colour.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 
 from cmm_align.model import (
-    Alignment,
     Correction,
     DeviationMap,
-    FitReport,
     LadderRung,
     Nominal,
     Statistics,
     Verdict,
 )
-from cmm_align.pose import Pose
-from cmm_align.units import DEG_PER_RAD, UM_PER_MM
+from cmm_align.report.wording import as_length, as_percent, at_place, extreme, in_nm, in_um
 
 Rows = list[tuple[str, str]]
 
@@ -35,13 +31,13 @@ def of_nominal(nominal: Nominal) -> Rows:
     if q is None:
         return rows
     dx, dy = q.spacing_mm
-    rows.append(("points", f"{q.n_points}, spacing {_length(dx)} x {_length(dy)}"))
+    rows.append(("points", f"{q.n_points}, spacing {as_length(dx)} x {as_length(dy)}"))
     rows.append(("steepest slope", f"{q.max_slope_deg:.2f} deg"))
     if q.min_concave_radius_mm is None:
         rows.append(("tightest bowl", "none: nowhere concave towards the probe"))
     else:
-        at = "" if q.min_concave_at_mm is None else f" at {_place(q.min_concave_at_mm)}"
-        rows.append(("tightest bowl", f"radius {_length(q.min_concave_radius_mm)}{at}"))
+        at = "" if q.min_concave_at_mm is None else f" at {at_place(q.min_concave_at_mm)}"
+        rows.append(("tightest bowl", f"radius {as_length(q.min_concave_radius_mm)}{at}"))
     rows.append(
         (
             "equidistant",
@@ -56,55 +52,9 @@ def of_nominal(nominal: Nominal) -> Rows:
     rows.append(
         (
             "surface error",
-            f"{_nm(q.surface_error_pv_nm)} PV ({how}); flat facets {_nm(q.facet_error_pv_nm)} PV",
+            f"{in_nm(q.surface_error_pv_nm)} PV ({how}); flat facets {in_nm(q.facet_error_pv_nm)} PV",
         )
     )
-    return rows
-
-
-def of_alignment(alignment: Alignment) -> Rows:
-    """Return the summary of `align`."""
-    r = alignment.report
-    used = alignment.used
-    e = alignment.deviation_mm[used]
-    low, high = float(e.min()), float(e.max())
-    rows = [
-        ("points", f"{int(used.sum())} of {len(used)} used; {r.n_outside} outside, {r.n_outliers} outliers"),
-        ("RMS", _um(math.sqrt(float((e**2).mean())))),
-        ("PV", f"{_um(high - low)}  ({_extreme(low)} to {_extreme(high)})"),
-        ("part_from_machine", _pose(alignment.part_from_machine)),
-        ("uncertainty (k=1)", _pose_sigma(r.pose_sigma)),
-    ]
-    if r.unobservable:
-        rows.append(("not observable", ", ".join(r.unobservable) + "; held at the start value"))
-    return rows
-
-
-def _criterion(report: FitReport) -> str:
-    """Say what the fit made small, and how well that is proved."""
-    if not report.certificate:
-        return report.criterion
-    proof = report.certificate
-    return (
-        f"{report.criterion}, {proof['zone_um']:.4g} um, proved by {proof['n_active']:.0f} points "
-        f"to {proof['residual']:.0e}"
-    )
-
-
-def details_of_alignment(alignment: Alignment) -> Rows:
-    """Return what `align` has to say beyond its summary."""
-    r = alignment.report
-    turn = alignment.part_from_machine.rotation_vector_rad()
-    rows = [
-        ("rotation vector", f"({_triple(turn * DEG_PER_RAD, 6)}) deg"),
-        ("stopped", f"after {r.iterations} iterations: {r.stop_reason}"),
-        ("distance", r.distance),
-        ("two paths differ by", _nm(r.two_path_difference_nm)),
-        ("criterion", _criterion(r)),
-    ]
-    if r.cost_history_mm2:
-        steps = ", ".join(f"{math.sqrt(max(c, 0.0)) * UM_PER_MM:.4g}" for c in r.cost_history_mm2)
-        rows.append(("RMS before each step", f"{steps} um"))
     return rows
 
 
@@ -123,15 +73,15 @@ def of_map(deviation_map: DeviationMap) -> Rows:
     ny, nx = m.deviation_mm.shape
     p = m.point_statistics
     rows = [
-        ("PV", f"{_um(s.pv_mm)}   (single points {_um(p.pv_mm)})"),
-        ("RMS", f"{_um(s.rms_mm)}   (single points {_um(p.rms_mm)}; u {_um(m.u_rms_mm)})"),
-        ("highest", f"{_extreme(s.max_mm)} at {_place(s.max_at_mm)}"),
-        ("lowest", f"{_extreme(s.min_mm)} at {_place(s.min_at_mm)}"),
+        ("PV", f"{in_um(s.pv_mm)}   (single points {in_um(p.pv_mm)})"),
+        ("RMS", f"{in_um(s.rms_mm)}   (single points {in_um(p.rms_mm)}; u {in_um(m.u_rms_mm)})"),
+        ("highest", f"{extreme(s.max_mm)} at {at_place(s.max_at_mm)}"),
+        ("lowest", f"{extreme(s.min_mm)} at {at_place(s.min_at_mm)}"),
     ]
     rows += [_rung(rung) for rung in m.ladder if rung.removed == "+ power"]
     if math.isfinite(m.coverage):
-        rows.append(("coverage", f"{_percent(m.coverage)} of the nominal's area, by {p.n} points"))
-    rows.append(("grid", f"{s.n} of {nx} x {ny} nodes, {_length(m.spacing_mm)} apart"))
+        rows.append(("coverage", f"{as_percent(m.coverage)} of the nominal's area, by {p.n} points"))
+    rows.append(("grid", f"{s.n} of {nx} x {ny} nodes, {as_length(m.spacing_mm)} apart"))
     rows.append(("sign", _sign(m.alignment.nominal)))
     return rows
 
@@ -140,11 +90,11 @@ def details_of_map(deviation_map: DeviationMap) -> Rows:
     """Return what `error-map` has to say beyond its summary."""
     m, s, p = deviation_map, deviation_map.statistics, deviation_map.point_statistics
     return [
-        ("mean", _extreme(s.mean_mm)),
-        ("profile (ISO 1101)", _um(s.profile_mm)),
-        ("PVr", _um(m.pvr_mm)),
-        ("highest point", f"{_extreme(p.max_mm)} at {_place(p.max_at_mm)}"),
-        ("lowest point", f"{_extreme(p.min_mm)} at {_place(p.min_at_mm)}"),
+        ("mean", extreme(s.mean_mm)),
+        ("profile (ISO 1101)", in_um(s.profile_mm)),
+        ("PVr", in_um(m.pvr_mm)),
+        ("highest point", f"{extreme(p.max_mm)} at {at_place(p.max_at_mm)}"),
+        ("lowest point", f"{extreme(p.min_mm)} at {at_place(p.min_at_mm)}"),
         *(_rung(rung) for rung in m.ladder[1:] if rung.removed != "+ power"),
     ]
 
@@ -156,7 +106,7 @@ def of_correction(correction: Correction) -> Rows:
     n_extended = int(c.extended.sum())
     return [
         ("pass", f"{c.pass_number}, gain {c.gain:g}"),
-        ("correction", f"{_extreme(float(known.min()))} to {_extreme(float(known.max()))}"),
+        ("correction", f"{extreme(float(known.min()))} to {extreme(float(known.max()))}"),
         ("", "- = take off, + = leave or raise, along the outward normal"),
         ("now", f"{_pv_rms(c.before)} of {c.before.n} points"),
         ("expected after", f"{_pv_rms(c.predicted)} of {c.predicted.n} points"),
@@ -175,16 +125,16 @@ def details_of_correction(correction: Correction) -> Rows:
     total = c.total_correction_mm[c.total_correction_mm == c.total_correction_mm]  # not NaN
     low, high = float(total.min()), float(total.max())
     return [
-        ("sum of all passes", f"{_extreme(low)} to {_extreme(high)}, relative to the nominal"),
+        ("sum of all passes", f"{extreme(low)} to {extreme(high)}, relative to the nominal"),
         ("maps before this", str(len(c.applied_maps))),
-        ("spacing", f"{_length(float(c.x_mm[1] - c.x_mm[0]))} x {_length(float(c.y_mm[1] - c.y_mm[0]))}"),
-        ("highest after", f"{_extreme(c.predicted.max_mm)} at {_place(c.predicted.max_at_mm)}"),
-        ("lowest after", f"{_extreme(c.predicted.min_mm)} at {_place(c.predicted.min_at_mm)}"),
+        ("spacing", f"{as_length(float(c.x_mm[1] - c.x_mm[0]))} x {as_length(float(c.y_mm[1] - c.y_mm[0]))}"),
+        ("highest after", f"{extreme(c.predicted.max_mm)} at {at_place(c.predicted.max_at_mm)}"),
+        ("lowest after", f"{extreme(c.predicted.min_mm)} at {at_place(c.predicted.min_at_mm)}"),
     ]
 
 
 def _rung(rung: LadderRung) -> tuple[str, str]:
-    value = f"PV {_um(rung.pv_mm)}, RMS {_um(rung.rms_mm)}"
+    value = f"PV {in_um(rung.pv_mm)}, RMS {in_um(rung.rms_mm)}"
     if rung.removed == "+ power":
         return "without power", f"{value}   (nor piston and tilt)"
     return f"without {rung.removed}", value
@@ -199,84 +149,4 @@ def _sign(nominal: Nominal) -> str:
 
 
 def _pv_rms(s: Statistics) -> str:
-    return f"PV {_um(s.pv_mm)}, RMS {_um(s.rms_mm)}"
-
-
-def _um(value_mm: float) -> str:
-    return f"{_calm(value_mm * UM_PER_MM)} um"
-
-
-def _extreme(value_mm: float) -> str:
-    um = value_mm * UM_PER_MM
-    return f"{_signed(um, _decimals(um))} um"
-
-
-def _calm(value: float) -> str:
-    """Return a number with four digits that count, three decimals at most, and no exponent."""
-    return f"{value:.{_decimals(value)}f}"
-
-
-def _decimals(value: float) -> int:
-    size = abs(value)
-    return 3 if size < 10.0 else 2 if size < 100.0 else 1 if size < 1000.0 else 0
-
-
-def _two(value: float) -> str:
-    """Return a number with two digits that count and no exponent."""
-    if value == 0.0 or not math.isfinite(value):
-        return f"{value:g}"
-    power = math.floor(math.log10(abs(float(f"{value:.1e}"))))
-    return f"{round(value, 1 - power):.{max(0, 1 - power)}f}"
-
-
-def _length(value_mm: float) -> str:
-    """Return a length with three digits that count in the unit that suits its size."""
-    for unit, per_mm, least in (("m", 1e-3, 1e3), ("mm", 1.0, 1e-2), ("um", UM_PER_MM, 1e-5)):
-        if abs(value_mm) >= least:
-            value = value_mm * per_mm
-            return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f} {unit}"
-    return f"{value_mm:g} mm"
-
-
-def _percent(share: float) -> str:
-    """Return a share in whole percent, which says 100 only where nothing is missing to the first decimal."""
-    percent = 100.0 * share
-    return f"{percent:.1f} %" if 99.0 <= percent < 99.95 else f"{percent:.0f} %"
-
-
-def _signed(value: float, digits: int = 3) -> str:
-    text = f"{abs(value):.{digits}f}"
-    return text if float(text) == 0.0 else ("+" if value > 0.0 else "-") + text
-
-
-def _nm(value_nm: float) -> str:
-    return f"{value_nm / UM_PER_MM:.3g} um" if abs(value_nm) >= UM_PER_MM else f"{value_nm:.3g} nm"
-
-
-def _place(place_mm: tuple[float, float]) -> str:
-    return f"({_signed(place_mm[0], 2)}, {_signed(place_mm[1], 2)}) mm"
-
-
-def _triple(values: Iterable[float], digits: int) -> str:
-    return ", ".join(_signed(float(v), digits) for v in values)
-
-
-def _pose(pose: Pose) -> str:
-    turn = pose.rotation_vector_rad()
-    angle = math.sqrt(float((turn**2).sum())) * DEG_PER_RAD
-    return f"shift ({_triple(pose.translation_mm, 4)}) mm, turned by {angle:.4f} deg"
-
-
-def _pose_sigma(sigma: Mapping[str, float]) -> str:
-    """Return the uncertainties of the motions, each in the unit that suits its size."""
-    words = []
-    for key, value in sigma.items():
-        name, _, unit = key.rpartition("_")
-        if not math.isfinite(value):
-            words.append(f"{name} unknown")
-            continue
-        larger = {"um": "mm", "urad": "mrad"}.get(unit)
-        if larger is not None and value >= UM_PER_MM:
-            value, unit = value / UM_PER_MM, larger  # noqa: PLW2901 - the same value in another unit
-        words.append(f"{name} {_two(value)} {unit}")
-    return ", ".join(words)
+    return f"PV {in_um(s.pv_mm)}, RMS {in_um(s.rms_mm)}"

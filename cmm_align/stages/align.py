@@ -4,7 +4,8 @@
    that may have led astray, a search over all poses.
 2. Refine: the same points, orthogonal foot points on the smooth nominal, outliers left out.
    Ask whether the result looks like one of the usual mistakes (tip radius, side, contact points).
-3. Finish: all points that lie on the nominal and are no outliers, plain least squares.
+3. Finish: all points that touched the nominal and are no outliers, plain (or weighted) least squares; on
+   request another criterion, or a scale.
 4. Check: the deviation once more by a second path, from a smooth surface through the equidistant points.
 
 The source paper is Photonics 2025, 12(5), 469, doi 10.3390/photonics12050469, section 2.
@@ -12,59 +13,65 @@ The source paper is Photonics 2025, 12(5), 469, doi 10.3390/photonics12050469, s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from cmm_align.config import AlignConfig
-from cmm_align.errors import NumericsError, UsageError, WrongStageError
+from cmm_align.errors import NumericsError, UsageError
 from cmm_align.model import (
-    MIN_POINTS,
     Alignment,
+    Fiducials,
     FitReport,
+    FitStep,
     Nominal,
     PointKind,
     PointSet,
+    PointStatus,
     frozen_array,
 )
-from cmm_align.numerics.linearisation import Evaluation, Measure, Placement, even_sample
-from cmm_align.numerics.observability import free_motions_in_words
-from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Select, fit, on_the_surface
+from cmm_align.numerics.linearisation import Measure, even_sample
+from cmm_align.numerics.rigid_fit import FitSettings
+from cmm_align.numerics.steering import Placement, Steering
 from cmm_align.numerics.triangle_net import triangle_net
 from cmm_align.pose import Pose
-from cmm_align.stages.fit_doctor import diagnose, explain_failure
+from cmm_align.stages.alignment_report import Regions, checked, reported
+from cmm_align.stages.best_fit import Cloud, Fitted, Way, best_fit, scaled, with_criterion
+from cmm_align.stages.constraints import (
+    lock_of,
+    locked_motions,
+    start_of,
+    stated_weights,
+    thermal_scale,
+)
+from cmm_align.stages.fit_checks import check_enough, check_fit, consulted, explained
 from cmm_align.stages.plausibility import check_measured
-from cmm_align.stages.pose_uncertainty import covariance_of, pose_sigma, turned
-from cmm_align.stages.second_path import two_path_difference_mm, warnings_of
-from cmm_align.stages.way import find_the_way, held_at_the_start
+from cmm_align.stages.reference_methods import METHODS as REFERENCE_METHODS
+from cmm_align.stages.reference_methods import reference_pose
+from cmm_align.stages.selection import selection_for, status_of
+from cmm_align.stages.way import find_the_way
 from cmm_align.surfaces.distance import facet_measure, smooth_measure
-from cmm_align.surfaces.protocol import Array, Mask
+from cmm_align.surfaces.protocol import Array
+from cmm_align.surfaces.region import Region, region_from_text
 from cmm_align.units import NM_PER_MM, RAD_PER_DEG, UM_PER_MM
 
 CHOICES: Final = {
     "distance": ("smooth", "facet"),
     "outliers": ("reject", "keep"),
     "search": ("auto", "always", "never"),
-    "criterion": ("least-squares", "minimum-zone", "least-stock"),
+    "criterion": ("least-squares", "minimum-zone", "least-stock", "within-tolerance"),
+    "weights": ("equal", "sigma", "area", "stated"),
+    "lock_frame": ("part", "machine"),
+    "scale": ("fixed", "free"),
+    "method": ("foot-point", *REFERENCE_METHODS),
 }
 """What the settings with names may be."""
-ROBUST_ROUNDS: Final = 12
-"""Rounds of fitting and judging the sample; the rule is frozen then."""
-ROUNDING: Final = 1e-9
-"""Least robust sigma, as a share of the size."""
-SAMPLE_TOLERANCE: Final = 1e-6
-"""The sample is left when a step moves nothing by more than this: all points say the rest."""
-LARGEST_RMS: Final = 0.01
-"""A fit whose RMS is above this share of the size has found nothing."""
-ON_SURFACE: Final = 0.5
-"""Share of the points that must end on the nominal."""
 ROUGHNESS_FACTOR: Final = 0.2
 """Mean square of the slopes of noise in squares of its PV over the spacing, with a margin of three."""
 
-NO_REPORT: Final = FitReport(0, "", False, (), {}, float("nan"), (), "smooth", 0, 0)
+NO_REPORT: Final = FitReport(0, "", False, (), {}, float("nan"), "smooth", 0, 0)
 
 Progress = Callable[[str, float], None]
 
@@ -75,6 +82,9 @@ def align(
     config: AlignConfig = AlignConfig(),
     *,
     start: Pose | None = None,
+    fiducials: Fiducials | None = None,
+    tolerance: tuple[Array, Array] | None = None,
+    regions: Regions | None = None,
     progress: Progress | None = None,
 ) -> Alignment:
     """Lay measured points on a nominal by least squares of the deviations.
@@ -88,8 +98,16 @@ def align(
         With its equidistant surface; its net too for ``distance = "facet"``.
     config : AlignConfig
     start : Pose, optional
-        ``part_from_machine`` to start from; without it the machine's frame, and a search over all poses
-        where that is not good enough.
+        ``part_from_machine`` to start from; without it the machine's frame (or what three fiducials say), and
+        a search over all poses where that is not good enough.
+    fiducials : Fiducials, optional
+        Places that the part is known to have, as soft datum terms: one whose uncertainty equals the RMS of
+        the deviations counts as much as one point.
+    tolerance : tuple of ndarray, each of shape (N,), mm, optional
+        Least and largest deviation of each point for ``criterion = "within-tolerance"``; without it, those of
+        `config` hold for all.
+    regions : Regions, optional
+        In place of the regions that `config` names.
     progress : callable, optional
         Told what is going on and the share that is done.
 
@@ -104,6 +122,8 @@ def align(
     ------
     WrongStageError, GeometryError, UnitsError
         If the points cannot be a measurement of this nominal.
+    UsageError
+        If choices contradict each other.
     NumericsError
         If no fit is found or it does not converge; no result is returned then.
 
@@ -116,107 +136,166 @@ def align(
         if getattr(config, name) not in known:
             raise UsageError(f"{name} {getattr(config, name)!r}", expected=", ".join(known))
     check_measured(measured, nominal)
-    contact = measured.kind is PointKind.CONTACT
-    radius = 0.0 if contact else nominal.tip_radius_mm
+    if config.method != "foot-point":
+        return _by_reference(measured, nominal, config, start, regions)
+    regions = regions or _regions(config, nominal)
+    limits = _limits(len(measured), config, tolerance)
     tell = progress or (lambda _what, _share: None)
-
-    centroid = measured.points_mm.mean(axis=0)
-    centred = measured.points_mm - centroid
-    length = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
-    size = nominal.surface.bounds.diagonal_mm
-    settings = _settings(config, nominal, size, length)
-    measure = _measure(nominal, radius, config)
+    if start is None and fiducials is not None and config.search != "always":
+        start = start_of(fiducials)
+    frame = start or Pose.identity("part", "machine")
+    cloud = _cloud(measured, nominal, config, frame)
 
     tell("finding the way", 0.0)
-    evaluate_only = config.max_iterations == 0
-    few = centred[even_sample(len(centred), config.coarse_points)]
-    way_start, way, ties = find_the_way(few, centroid, nominal, radius, settings, start, config.search)
+    few = even_sample(len(measured), config.coarse_points)
+    lock = cloud.steering.lock
+    way_start, way, notes = find_the_way(
+        cloud.points_mm[few],
+        cloud.centroid,
+        nominal,
+        cloud.radius_mm,
+        cloud.settings,
+        start,
+        config.search,
+        lock,
+    )
     tell("refining", 0.2)
-    sampled = len(few) < len(centred)
-    begun = replace(settings, tolerance=SAMPLE_TOLERANCE) if sampled else settings
-    near, select = _refine(measure, few, way, begun, config)
-    placement = near.placement
-    if near.spectral.free.any():
-        placement = held_at_the_start(measure, few, way_start, near, settings)
-    result = near
-    if sampled or placement is not near.placement:
-        tell("all points", 0.4)
-        bend = near.curvature if sampled else None
-        result = fit(measure, centred, placement, settings, select=select, curvature=bend)
-    notes = ties
-    if not evaluate_only:
-        notes += _consulted(
-            measured, nominal, near, centroid, start or Pose.identity("part", "machine"), config
-        )
+    rule = selection_for(nominal, cloud.radius_mm, config.edge_proud_um / UM_PER_MM, regions.fit)
+    fitted = best_fit(
+        cloud, few, Way(way_start, way), rule, config, nominal=nominal, fiducials=fiducials, tell=tell
+    )
+    if config.max_iterations > 0:
+        near = _pose(fitted.near.placement, cloud, nominal)
+        notes += consulted(measured, nominal, fitted.near, near, frame, config)
         try:
-            _check_fit(result, size)
+            check_fit(fitted.result, cloud.settings.size_mm)
         except NumericsError as failure:
-            raise _explained(failure, measured, nominal, start) from None
-    certificate: Mapping[str, float] = {}
-    if config.criterion != "least-squares" and not evaluate_only:
-        tell(config.criterion, 0.6)
-        result, certificate = _zone(measure, centred, result, settings, config)
+            raise explained(failure, measured, nominal, start) from None
+        locked = locked_motions(config)
+        n_used = int(np.count_nonzero(fitted.result.evaluation.used))
+        check_enough(n_used, 6 - len(locked), locked, measured.source)
+        if config.scale == "free":
+            tell("scale", 0.6)
+            fitted = scaled(fitted)
+        if config.criterion != "least-squares":
+            tell(config.criterion, 0.6)
+            fitted = with_criterion(fitted, config.criterion, limits)
     tell("second path", 0.8)
-    bare = _laid(measured, nominal, result, centroid, radius)
-    two_path = two_path_difference_mm(
-        centred, result.placement, result.evaluation.feet, result.evaluation.inside, nominal, radius, config
-    )
-    fits = (way, near) if result is near else (way, near, result)
-    turn = nominal.surface_from_part.inverse()
-    spectral = turned(result.spectral, turn)
-    covariance, correlated = covariance_of(result, centred, length, turn.rotation)
-    inside = result.evaluation.inside
-    middle = bare.part_from_machine.apply(centroid[None])[0]
-    report = FitReport(
-        iterations=sum(f.iterations for f in fits),
-        stop_reason="evaluated only" if evaluate_only else result.stop_reason,
-        converged=result.converged,
-        unobservable=free_motions_in_words(spectral, middle, length),
-        pose_sigma=pose_sigma(covariance, spectral),
-        two_path_difference_nm=two_path * NM_PER_MM,
-        cost_history_mm2=sum((f.costs_mm2 for f in fits), ()),
-        distance=config.distance,
-        n_outside=int(np.count_nonzero(~inside)),
-        n_outliers=int(np.count_nonzero(inside & ~bare.used)),
-        warnings=notes + warnings_of(measured, nominal, inside, inside & ~bare.used),
-        criterion=config.criterion,
-        certificate=certificate,
-        correlated=correlated,
-    )
-    return replace(bare, covariance=frozen_array(covariance), report=report)
+    bare = _laid(measured, nominal, fitted, regions.report)
+    found = reported(bare, measured, fitted, config, regions, frame, notes)
+    return checked(found, fitted, config, tell)
 
 
-def _pose(placed: Placement, centroid: Array, nominal: Nominal) -> Pose:
-    """Return ``part_from_machine`` of a placement of the cloud."""
-    shift = placed.position_mm - placed.rotation @ centroid
+def _by_reference(
+    measured: PointSet, nominal: Nominal, config: AlignConfig, start: Pose | None, regions: Regions | None
+) -> Alignment:
+    """Take the pose from a method of the literature, and measure the deviations there as always."""
+    plain = AlignConfig()
+    for name in ("criterion", "weights", "lock", "scale"):
+        if getattr(config, name) != getattr(plain, name):
+            raise UsageError(
+                f"method {config.method} with {name} {getattr(config, name)!r}",
+                expected="plain least squares: the reference methods know nothing else",
+            )
+    reference = reference_pose(config.method, measured, nominal, config, start=start)
+    there = replace(config, method="foot-point", max_iterations=0, search="never")
+    found = align(measured, nominal, there, start=reference.part_from_machine, regions=regions)
+    report = replace(
+        found.report,
+        method=config.method,
+        iterations=reference.iterations,
+        stop_reason=reference.stop_reason,
+        converged=reference.converged,
+        steps=tuple(
+            FitStep(config.method, float("nan"), c, len(measured)) for c in reference.cost_history_mm2
+        ),
+    )
+    return replace(found, report=report)
+
+
+def _regions(config: AlignConfig, nominal: Nominal) -> Regions:
+    """Return the regions that the settings name."""
+    texts = (("fit_region", config.fit_region), ("report_region", config.report_region))
+    return Regions(*(region_from_text(text, nominal.surface, name) if text else None for name, text in texts))
+
+
+def _limits(n: int, config: AlignConfig, tolerance: tuple[Array, Array] | None) -> tuple[Array, Array]:
+    """Return the limits of every point, from a table or the same for all."""
+    if tolerance is not None or config.criterion != "within-tolerance":
+        return tolerance or (np.empty(0), np.empty(0))
+    lower, upper = config.tolerance_lower_um / UM_PER_MM, config.tolerance_upper_um / UM_PER_MM
+    if lower >= upper:
+        raise UsageError(
+            f"a tolerance from {config.tolerance_lower_um:g} to {config.tolerance_upper_um:g} um",
+            expected="--tolerance with a length, two lengths, or a file of limits",
+        )
+    return np.full(n, lower), np.full(n, upper)
+
+
+def _cloud(measured: PointSet, nominal: Nominal, config: AlignConfig, start: Pose) -> Cloud:
+    """Return the points about their centroid with the surface they are measured against."""
+    scale = thermal_scale(config)
+    centroid = measured.points_mm.mean(axis=0)
+    centred = measured.points_mm - centroid
+    if scale != 1.0:
+        centred = centred * scale
+    radius = 0.0 if measured.kind is PointKind.CONTACT else nominal.tip_radius_mm
+    length = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
+    surface_from_machine = nominal.surface_from_part @ start
+    placed = Placement(surface_from_machine.rotation, surface_from_machine.apply(centroid[None])[0])
+    return Cloud(
+        centred,
+        centroid,
+        scale,
+        radius,
+        _measure(nominal, radius, config),
+        _settings(config, nominal, length),
+        Steering(
+            weights=stated_weights(measured, config),
+            lock=lock_of(config, nominal, start, placed, scale, centroid),
+        ),
+    )
+
+
+def _pose(placed: Placement, cloud: Cloud, nominal: Nominal) -> Pose:
+    """Return ``part_from_machine`` of a placement of the cloud; a scale is about the centroid."""
+    shift = placed.position_mm - placed.rotation @ cloud.centroid
     return nominal.surface_from_part.inverse() @ Pose(placed.rotation, shift, "surface", "machine")
 
 
-def _laid(
-    measured: PointSet, nominal: Nominal, result: FitResult, centroid: Array, radius: float
-) -> Alignment:
+def _laid(measured: PointSet, nominal: Nominal, fitted: Fitted, region: Region | None) -> Alignment:
     """Return the points as the fit has laid them; what is known of the pose comes on top."""
-    part_from_machine = _pose(result.placement, centroid, nominal)
+    cloud, result = fitted.cloud, fitted.result
+    part_from_machine = _pose(result.placement, cloud, nominal)
     part_from_surface = nominal.surface_from_part.inverse()
     feet, inside = result.evaluation.feet, result.evaluation.inside
+    used = result.evaluation.used & inside
+    status = status_of(fitted.selection, feet, inside, used)
+    judged = (status == PointStatus.USED) | (status == PointStatus.APART)
+    if region is not None:
+        judged[judged] = region.contains(feet.x_mm[judged], feet.y_mm[judged])
     normals = part_from_surface.rotate(feet.normal)
-    tips_part = part_from_machine.apply(measured.points_mm)
+    at_size = measured.points_mm if cloud.scale == 1.0 else cloud.points_mm + cloud.centroid
+    tips_part = part_from_machine.apply(at_size)
     return Alignment(
         nominal=nominal,
         part_from_machine=part_from_machine,
         covariance=frozen_array(np.zeros((6, 6))),
         tip_centre_machine_mm=measured.points_mm,
         tip_centre_part_mm=frozen_array(tips_part),
-        contact_part_mm=frozen_array(tips_part - radius * normals),
+        contact_part_mm=frozen_array(tips_part - cloud.radius_mm * normals),
         normals=frozen_array(normals),
         deviation_mm=frozen_array(np.where(inside, feet.distance_mm, np.nan)),
-        used=frozen_array(result.evaluation.used & inside, np.bool_),
+        used=frozen_array(used, np.bool_),
+        judged=frozen_array(judged, np.bool_),
+        status=frozen_array(status, np.uint8),
         ids=measured.ids,
         report=NO_REPORT,
+        sigma_mm=measured.sigma_mm,
     )
 
 
-def _settings(config: AlignConfig, nominal: Nominal, size: float, length: float) -> FitSettings:
+def _settings(config: AlignConfig, nominal: Nominal, length: float) -> FitSettings:
     """Return the settings of a fit.
 
     A nominal that is rough itself breaks its own symmetries: what its roughness can tell is not told.
@@ -226,7 +305,7 @@ def _settings(config: AlignConfig, nominal: Nominal, size: float, length: float)
         slope = nominal.quality.surface_error_pv_nm / NM_PER_MM / max(min(nominal.quality.spacing_mm), 1e-12)
         rough = ROUGHNESS_FACTOR * slope**2 if np.isfinite(slope) else 0.0
     return FitSettings(
-        size_mm=size,
+        size_mm=nominal.surface.bounds.diagonal_mm,
         length_mm=length,
         tolerance=config.step_tolerance,
         max_iterations=config.max_iterations,
@@ -244,127 +323,3 @@ def _measure(nominal: Nominal, radius: float, config: AlignConfig) -> Measure:
         raise UsageError("the facets of the nominal were not loaded", expected="distance = smooth")
     points = net.points_mm if radius > 0.0 else net.nominal_points_mm
     return facet_measure(triangle_net(nominal.surface_from_part.apply(points), net.triangles), nominal.side)
-
-
-def _refine(
-    measure: Measure, few: Array, way: FitResult, settings: FitSettings, config: AlignConfig
-) -> tuple[FitResult, Select]:
-    """Fit the sample and judge it in turn, until the same points are left out twice; freeze that rule."""
-    result = fit(measure, few, way.placement, settings)
-    few_on = int(np.count_nonzero(result.evaluation.inside)) < MIN_POINTS
-    if config.outliers == "keep" or config.max_iterations == 0 or few_on:
-        return result, on_the_surface
-    rule = _rule(result.evaluation, settings)
-    for _ in range(ROBUST_ROUNDS):
-        chosen = _select(rule)(result.evaluation)
-        if np.array_equal(chosen, result.evaluation.used):
-            break
-        again = fit(measure, few, result.placement, settings, used=chosen, previous=result.evaluation.feet)
-        result = again._replace(
-            iterations=result.iterations + again.iterations, costs_mm2=result.costs_mm2 + again.costs_mm2
-        )
-        if result.evaluation.inside.any():
-            rule = _rule(result.evaluation, settings)
-    return result, _select(rule)
-
-
-def _rule(now: Evaluation, settings: FitSettings) -> OutlierRule:
-    """Make the outlier rule from the points that count as yet: what is out does not hide what is left."""
-    on = now.used & now.inside
-    x, y, e = (a[on] for a in now.feet[:3])
-    return outlier_rule(x, y, e, ROUNDING * settings.size_mm)
-
-
-def _select(rule: OutlierRule) -> Select:
-    """Choose the points that lie on the surface and are no outliers."""
-
-    def select(now: Evaluation) -> Mask:
-        wrong = outliers(rule, now.feet.x_mm, now.feet.y_mm, now.feet.distance_mm)
-        return now.inside & ~wrong
-
-    return select
-
-
-def _zone(
-    measure: Measure, centred: Array, result: FitResult, settings: FitSettings, config: AlignConfig
-) -> tuple[FitResult, Mapping[str, float]]:
-    """Go on from least squares to the criterion asked for; return its proof beside it."""
-    from cmm_align.numerics.minimum_zone import least_stock, minimum_zone  # only where it is asked for
-
-    solve = minimum_zone if config.criterion == "minimum-zone" else least_stock
-    now = result.evaluation
-    zone = solve(measure, centred, result.placement, settings, used=now.used & now.inside, previous=now.feet)
-    if not zone.converged:
-        raise NumericsError(
-            f"the {config.criterion} fit did not converge ({zone.stop_reason})",
-            remedy="use --criterion least-squares",
-        )
-    certificate = {
-        "zone_um": zone.t_mm * UM_PER_MM,
-        "residual": float(zone.certificate_residual),
-        "n_active": float(len(zone.active)),
-    }
-    done = result._replace(
-        placement=zone.placement,
-        evaluation=zone.evaluation,
-        iterations=result.iterations + zone.iterations,
-        stop_reason=zone.stop_reason,
-    )
-    return done, certificate
-
-
-def _consulted(
-    measured: PointSet, nominal: Nominal, near: FitResult, centroid: Array, frame: Pose, config: AlignConfig
-) -> tuple[str, ...]:
-    """Ask the fit doctor; refuse on clear evidence of a mistake, pass suspicions on."""
-    if not _plausible(near, nominal.surface.bounds.diagonal_mm):
-        return ()
-    found = _pose(near.placement, centroid, nominal)
-    contact = measured.kind is PointKind.CONTACT
-    seen = diagnose(measured.points_mm, nominal, found, frame, contact=contact)
-    if seen.clear and not config.trust_me:
-        first = seen.clear[0]
-        raise WrongStageError(
-            first.words, where=measured.source, remedy=f"{first.remedy}; --trust-me goes on all the same"
-        )
-    return seen.warnings + tuple(finding.words for finding in seen.clear)
-
-
-def _plausible(result: FitResult, size: float) -> bool:
-    """Return whether a fit has found the part at all."""
-    on = float(np.mean(result.evaluation.inside))
-    return on >= ON_SURFACE and float(np.sqrt(result.evaluation.cost_mm2)) <= LARGEST_RMS * size
-
-
-def _explained(
-    failure: NumericsError, measured: PointSet, nominal: Nominal, start: Pose | None
-) -> NumericsError:
-    """Add what would make the points fit, if anything does."""
-    contact = measured.kind is PointKind.CONTACT
-    reasons = explain_failure(measured.points_mm, nominal, start=start, contact=contact)
-    if not reasons:
-        return failure
-    return NumericsError(
-        failure.what, where=measured.source, remedy=f"{reasons[0].words}; {reasons[0].remedy}"
-    )
-
-
-def _check_fit(result: FitResult, size: float) -> None:
-    """Refuse a fit that has found nothing: a refusal is better than a plausible wrong answer."""
-    share = float(np.mean(result.evaluation.inside))
-    rms = float(np.sqrt(result.evaluation.cost_mm2))
-    if share < ON_SURFACE:
-        raise NumericsError(
-            f"no fit: only {100.0 * share:.0f} % of the points lie on the nominal",
-            remedy="check that the files belong together, or give a start pose with --initial",
-        )
-    if rms > LARGEST_RMS * size:
-        raise NumericsError(
-            f"no fit: the RMS is {rms:.3g} mm on a part of {size:.4g} mm",
-            remedy="check the files, the side and the tip radius, or give a start pose with --initial",
-        )
-    if not result.converged:
-        raise NumericsError(
-            f"not converged after {result.iterations} iterations ({result.stop_reason}, RMS {rms:.3g} mm)",
-            remedy="give a start pose with --initial",
-        )

@@ -213,9 +213,9 @@ def _prediction(
     missing in the mean square of the sums, and is put back.
     """
     alignment = deviation_map.alignment
-    used = alignment.used & np.isfinite(alignment.deviation_mm)
-    e = alignment.deviation_mm[used]
-    foot_part = alignment.contact_part_mm[used] - e[:, None] * alignment.normals[used]
+    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
+    e = alignment.deviation_mm[judged]
+    foot_part = alignment.contact_part_mm[judged] - e[:, None] * alignment.normals[judged]
     x, y, _ = alignment.nominal.surface_from_part.apply(foot_part).T
     after = deviation_statistics(e + interpolated(x_mm, y_mm, correction, x, y), x, y)
     sigma = deviation_map.sigma_mm[np.isfinite(deviation_map.sigma_mm)]

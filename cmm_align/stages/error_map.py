@@ -70,7 +70,7 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     Parameters
     ----------
     alignment : Alignment
-        Points laid on the nominal; those marked `used` carry the map.
+        Points laid on the nominal; those marked `judged` carry the map.
     config : ErrorMapConfig
         Spacing, window and tolerances.
 
@@ -98,7 +98,7 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     x_grid, y_grid = np.meshgrid(x_mm, y_mm)
     n_z, inside = _normal_z(nominal, x_grid, y_grid)
     deviation = np.where(inside, fit.value, np.nan)
-    sigma = np.where(inside, fit.sigma, np.nan)
+    sigma = np.where(inside, _with_machine(alignment, places, fit, (x_mm, y_mm), config), np.nan)
     if not np.isfinite(deviation).any():
         raise GeometryError(
             f"{len(places.x_mm)} points determine no node of a map with {spacing_mm:.3g} mm spacing",
@@ -107,7 +107,11 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         )
     statistics = deviation_statistics(deviation, x_grid, y_grid)
     ladder, pvr_mm = _ladder(deviation, x_grid, y_grid)
-    u_rms_mm = _u_rms(alignment, places, fit, sigma, statistics)
+    scatter = np.where(inside, fit.sigma, np.nan)
+    u_rms_mm = _u_rms(alignment, places, fit, scatter, statistics)
+    simulated = alignment.report.monte_carlo
+    if simulated is not None:
+        u_rms_mm = float(np.hypot(u_rms_mm, simulated.rms.std_um / UM_PER_MM))
     points = deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm)
     u_pv_mm = _u_pv(deviation, sigma, fit.scatter)
     coverage = _coverage(nominal, x_mm, y_mm, np.isfinite(deviation))
@@ -132,16 +136,16 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
 
 
 def _places(alignment: Alignment) -> _Places:
-    """Return the used deviations at their foot points, in frame `surface`."""
-    used = alignment.used & np.isfinite(alignment.deviation_mm)
-    if not used.any():
+    """Return the deviations that count at their foot points, in frame `surface`."""
+    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
+    if not judged.any():
         raise GeometryError(
-            f"none of the {len(used)} points has a deviation",
+            f"none of the {len(judged)} points has a deviation",
             expected="points over the nominal's aperture",
             remedy="look at the alignment with cmm-align info",
         )
-    deviation = alignment.deviation_mm[used]
-    foot_part = alignment.contact_part_mm[used] - deviation[:, None] * alignment.normals[used]
+    deviation = alignment.deviation_mm[judged]
+    foot_part = alignment.contact_part_mm[judged] - deviation[:, None] * alignment.normals[judged]
     foot = alignment.nominal.surface_from_part.apply(foot_part)
     return _Places(np.ascontiguousarray(foot[:, 0]), np.ascontiguousarray(foot[:, 1]), deviation)
 
@@ -196,6 +200,24 @@ def _normal_z(nominal: Nominal, x_grid: Array, y_grid: Array) -> tuple[Array, Ma
     return n_z.reshape(x_grid.shape), nominal.surface.contains(x, y).reshape(x_grid.shape)
 
 
+def _with_machine(
+    alignment: Alignment, places: _Places, fit: LocalFit, axes: tuple[Array, Array], config: ErrorMapConfig
+) -> Array:
+    """Return the standard uncertainty of the nodes, mm: of the scatter, and what the points say beyond it.
+
+    Stated uncertainties of single points are independent and average as the scatter does, so the larger of
+    the two counts. Simulated ones hold what neighbours have in common and do not average: they come on top.
+    """
+    if alignment.sigma_mm is None:
+        return fit.sigma
+    stated = alignment.sigma_mm[alignment.judged & np.isfinite(alignment.deviation_mm)]
+    if alignment.report.monte_carlo is None:
+        rms = float(np.sqrt(np.mean(stated**2)))
+        return fit.sigma * max(1.0, rms / fit.scatter) if fit.scatter > 0.0 else fit.sigma
+    common = local_regression(places.x_mm, places.y_mm, stated, *axes, half_width=config.window)
+    return np.asarray(np.hypot(fit.sigma, common.value), dtype=np.float64)
+
+
 def _ladder(deviation: Array, x_grid: Array, y_grid: Array) -> tuple[tuple[LadderRung, ...], float]:
     """Return what low orders leave behind, and PVr.
 
@@ -232,10 +254,10 @@ def _u_rms(
         return noise
     kept = sigma[np.isfinite(sigma)]
     bias = float(np.mean(kept**2)) / (2.0 * rms) if len(kept) else 0.0
-    used = alignment.used & np.isfinite(alignment.deviation_mm)
-    centres, normals = alignment.tip_centre_part_mm[used], alignment.normals[used]
+    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
+    centres, normals = alignment.tip_centre_part_mm[judged], alignment.normals[judged]
     push = places.deviation_mm[:, None] * normals
-    turn = np.cross(centres - centres.mean(axis=0), push).sum(axis=0)
+    turn = np.cross(centres - alignment.centroid_mm, push).sum(axis=0)
     gradient = np.concatenate([turn, push.sum(axis=0)]) / (len(push) * rms)
     pose = float(gradient @ np.nan_to_num(alignment.covariance) @ gradient)
     return float(np.sqrt(noise**2 + bias**2 + max(pose, 0.0)))

@@ -10,7 +10,7 @@ Source: Liang and Zeger 1986, doi 10.1093/biomet/73.1.13.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import even_sample, moved, rows_of
 from cmm_align.numerics.observability import Spectrum, uncertain_axes
 from cmm_align.numerics.rigid_fit import FitResult
+from cmm_align.numerics.steering import FREELY, Steering
 from cmm_align.pose import Pose
 from cmm_align.surfaces.protocol import Array
 from cmm_align.units import UM_PER_MM, URAD_PER_RAD
@@ -32,7 +33,14 @@ SIGNIFICANT: Final = 4.0
 
 
 def covariance_of(
-    result: FitResult, centred: Array, length: float, part_from_surface: Array
+    result: FitResult,
+    centred: Array,
+    length: float,
+    part_from_surface: Array,
+    steering: Steering = FREELY,
+    scale_response: Array | None = None,
+    *,
+    by_sigma: bool = False,
 ) -> tuple[Array, bool]:
     """Return the covariance of a small motion about the centroid, frame `part`.
 
@@ -44,11 +52,19 @@ def covariance_of(
     length : float
         Scale of the rotations, mm.
     part_from_surface : ndarray, shape (3, 3)
+    steering : Steering
+        With weights w the covariance of independent errors of one variance is
+        ``s^2 N^-1 (J^T W^2 J) N^-1``, which is ``s^2 N^-1`` where all are equal.
+    scale_response : ndarray, shape (6,), optional
+        Motion for one standard uncertainty of a free scale, scaled.
+    by_sigma : bool
+        Whether the weights are one over the variance of each point: then it is ``s^2 N^-1``, with s^2 the
+        weighted mean square.
 
     Returns
     -------
     covariance : ndarray, shape (6, 6), rad and mm
-        Of (rx, ry, rz, tx, ty, tz), on the observable motions.
+        Of (rx, ry, rz, tx, ty, tz), on the motions that are neither free nor locked.
     correlated : bool
         Whether it had to be raised for errors that are alike in neighbours.
     """
@@ -56,39 +72,74 @@ def covariance_of(
     root = result.spectral.motions[:, keep] / np.sqrt(result.spectral.values[keep])
     used = result.evaluation.used
     n, k = max(int(np.count_nonzero(used)), 1), int(np.count_nonzero(keep))
-    variance = result.evaluation.cost_mm2 * n / max(n - k, 1)
+    squares = result.evaluation.feet.distance_mm[used] ** 2
+    if by_sigma and steering.weights is not None:
+        weights = steering.weights[used]
+        squares = squares * weights / weights.mean()
+    variance = float(np.mean(squares)) * n / (n - k) if n > k else 0.0
     share = np.eye(k) / n
     correlated = False
-    if variance > 0.0 and k > 0 and n > 4 * BLOCKS**2:
-        sums, filled, counted = _block_sums(result, centred, length)
-        whitened = root.T @ sums / np.sqrt(counted * variance)  # unit variance, if errors are independent
-        found = whitened @ whitened.T
-        correlated = float(np.trace(found)) / k > 1.0 + SIGNIFICANT * float(np.sqrt(2.0 / (k * filled)))
-        if correlated:
-            values, vectors = np.linalg.eigh(found)
-            share = (vectors * np.maximum(values / counted, 1.0 / n)) @ vectors.T
+    if variance > 0.0 and k > 0:
+        blocks = _block_sums(result, centred, length, steering.weights, by_sigma=by_sigma)
+        if steering.weights is not None and not by_sigma:
+            share = root.T @ blocks.squares @ root * blocks.spread
+        if n > 4 * BLOCKS**2:
+            share, correlated = _raised(share, root, blocks, n, variance)
     scaled = root @ share @ root.T * variance
+    if scale_response is not None:
+        scaled = scaled + np.outer(scale_response, scale_response)
     unscale = np.diag([1.0 / length] * 3 + [1.0] * 3)
     turn = np.kron(np.eye(2), part_from_surface)
     covariance: Array = turn @ unscale @ scaled @ unscale @ turn.T
     return covariance, correlated
 
 
-def _block_sums(result: FitResult, centred: Array, length: float) -> tuple[Array, int, int]:
-    """Return ``J^T e`` summed over each block, shape (6, blocks), scaled, the blocks and points behind it.
+class _Blocks(NamedTuple):
+    """Sums over the blocks of an even sample, scaled."""
 
-    An even sample of many points says as much about neighbours as all of them.
-    """
-    pick = np.flatnonzero(result.evaluation.used)
-    pick = pick[even_sample(len(pick), SAMPLE)]
+    sums: Array
+    """``J^T W e`` of each block over the root of the sum of the weights, shape (6, blocks)."""
+    filled: int
+    """Blocks with points."""
+    squares: Array
+    """``J^T W^2 J / sum W^2``, shape (6, 6)."""
+    spread: float
+    """``sum W^2 / (sum W)^2`` of all points: 1 / n for equal weights."""
+    counted: float
+    """Points of the sample that weigh as much: ``(sum W)^2 / sum W^2``; all of them for weights by sigma."""
+
+
+def _raised(share: Array, root: Array, blocks: _Blocks, n: int, variance: float) -> tuple[Array, bool]:
+    """Return the shares of the motions, raised where errors of blocks are larger than independent ones."""
+    k = len(share)
+    low = np.linalg.cholesky(share * n)  # the identity, for equal weights
+    whitened = np.linalg.solve(low, root.T @ blocks.sums) / np.sqrt(variance)
+    found = whitened @ whitened.T  # also the identity, if errors are independent
+    if float(np.trace(found)) / k <= 1.0 + SIGNIFICANT * float(np.sqrt(2.0 / (k * blocks.filled))):
+        return share, False
+    values, vectors = np.linalg.eigh(found)
+    raised: Array = low @ (vectors * np.maximum(values / blocks.counted, 1.0 / n)) @ vectors.T @ low.T
+    return raised, True
+
+
+def _block_sums(
+    result: FitResult, centred: Array, length: float, weights: Array | None, *, by_sigma: bool
+) -> _Blocks:
+    """Sum over the blocks of an even sample: it says as much about neighbours as all points."""
+    used = np.flatnonzero(result.evaluation.used)
+    pick = used[even_sample(len(used), SAMPLE)]
     feet = Feet(*(a[pick] for a in result.evaluation.feet))
-    p = moved(centred[pick], result.placement)
-    rows = rows_of(p, result.placement, feet, length)
+    rows = rows_of(moved(centred[pick], result.placement), result.placement, feet, length)
+    w = np.ones(len(pick)) if weights is None else weights[pick]
+    every = w if weights is None else weights[used]
     block = _cell(feet.y_mm) * BLOCKS + _cell(feet.x_mm)
-    sums: Array = np.stack(
-        [np.bincount(block, row * rows[6], BLOCKS**2).astype(np.float64) for row in rows[:6]]
+    sums = np.stack([np.bincount(block, row * w * rows[6], BLOCKS**2).astype(np.float64) for row in rows[:6]])
+    squares: Array = (rows[:6] * w**2) @ rows[:6].T / float(np.sum(w**2))
+    counted = float(len(pick)) if by_sigma else float(np.sum(w)) ** 2 / float(np.sum(w**2))
+    spread = float(np.sum(every**2)) / float(np.sum(every)) ** 2 if weights is not None else 1.0 / len(used)
+    return _Blocks(
+        sums * np.sqrt(counted) / float(np.sum(w)), len(np.unique(block)), squares, spread, counted
     )
-    return sums, len(np.unique(block)), len(pick)
 
 
 def _cell(places_mm: Array) -> NDArray[np.intp]:

@@ -13,14 +13,15 @@ import numpy as np
 
 from cmm_align.errors import GeometryError
 from cmm_align.model import Nominal
-from cmm_align.numerics.linearisation import Measure, Placement, evaluate, even_sample
+from cmm_align.numerics.linearisation import Measure, evaluate, even_sample
 from cmm_align.numerics.observability import spectrum
 from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.pose_evidence import equal_factor
 from cmm_align.numerics.pose_search import search as search_poses
 from cmm_align.numerics.pose_verdicts import good_enough, is_mirrored, near_ties
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, without_free_drift
+from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, joined, without_free_drift
 from cmm_align.numerics.rotations import vector_from_rotation
+from cmm_align.numerics.steering import FREELY, Lock, Placement, Steering, allowed_motions, held
 from cmm_align.numerics.triangle_net import TriangleNet
 from cmm_align.pose import Pose
 from cmm_align.surfaces.distance import facet_measure, light_net, smooth_measure
@@ -52,6 +53,7 @@ def find_the_way(
     settings: FitSettings,
     start: Pose | None,
     search: str = "auto",
+    lock: Lock | None = None,
 ) -> tuple[Placement, FitResult, tuple[str, ...]]:
     """Bring the cloud near the nominal on a light net of facets; every point counts, wherever it lies.
 
@@ -69,6 +71,8 @@ def find_the_way(
     search : str
         Whether to search all poses: auto (if the start alone may have led astray and none was given),
         always, never.
+    lock : Lock, optional
+        Motions to hold at the start; nothing is searched then.
 
     Returns
     -------
@@ -91,7 +95,8 @@ def find_the_way(
     pose = surface_from_part @ (start or Pose.identity("part", "machine"))
     placement = Placement(pose.rotation, pose.apply(centroid[None])[0])
     everywhere = np.ones(len(few), dtype=bool)
-    if start is None:
+    steering = Steering(lock=lock)
+    if start is None and lock is None:
         there = evaluate(measure, few, placement, settings.length_mm, used=everywhere)
         near = float(np.mean(there.inside)) >= NEAR
         if not near and settings.max_iterations > 0:  # not near each other: move the cloud onto the nominal
@@ -101,16 +106,15 @@ def find_the_way(
         tolerance=COARSE_TOLERANCE,
         min_observability=max(COARSE_OBSERVABILITY, settings.min_observability),
     )
-    way = fit(measure, few, placement, coarse, used=everywhere)
+    way = fit(measure, few, placement, coarse, used=everywhere, steering=steering)
     for _ in range(TRIMS):  # touches of the fixture must not lead astray; who is kept, all points say later
         kept = _near_the_rest(way.evaluation.feet.distance_mm, COARSE_TOLERANCE * settings.size_mm)
         if np.array_equal(kept, way.evaluation.used):
             break
-        again = fit(measure, few, way.placement, coarse, used=kept)
-        way = again._replace(
-            iterations=way.iterations + again.iterations, costs_mm2=way.costs_mm2 + again.costs_mm2
-        )
-    if search == "never" or (search == "auto" and start is not None) or settings.max_iterations == 0:
+        again = fit(measure, few, way.placement, coarse, used=kept, steering=steering)
+        way = joined(way, again)
+    asked = search == "always" or (search == "auto" and start is None)
+    if not asked or lock is not None or settings.max_iterations == 0:
         return placement, way, ()
     exact = smooth_measure(nominal.surface, nominal.side, radius)
     facet_error = _facet_error_mm(net, exact)
@@ -181,7 +185,12 @@ def _turn_deg(one: Placement, other: Placement) -> float:
 
 
 def held_at_the_start(
-    measure: Measure, few: Array, start: Placement, near: FitResult, settings: FitSettings
+    measure: Measure,
+    few: Array,
+    start: Placement,
+    near: FitResult,
+    settings: FitSettings,
+    steering: Steering = FREELY,
 ) -> Placement:
     """Move back along the free motions to where the part lay before the fit.
 
@@ -193,14 +202,17 @@ def held_at_the_start(
     start : Placement
     near : FitResult
     settings : FitSettings
+    steering : Steering
     """
     placement, spectral = near.placement, near.spectral
     for _ in range(FREE_ROUNDS):
         placement, movement = without_free_drift(start, placement, spectral, settings.length_mm)
         if movement <= settings.tolerance * settings.size_mm:
             break
-        there = evaluate(measure, few, placement, settings.length_mm)
-        spectral = spectrum(there.normal_matrix, settings.min_observability)
+        placement = held(steering.lock, placement)
+        there = evaluate(measure, few, placement, settings.length_mm, steering=steering)
+        allowed = allowed_motions(steering.lock, placement, settings.length_mm)
+        spectral = spectrum(there.normal_matrix, settings.min_observability, allowed, there.datum_matrix)
     return placement
 
 

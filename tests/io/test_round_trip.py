@@ -53,7 +53,7 @@ def test_every_dataset_has_units_a_description_and_a_checksum(noun, steps, tmp_p
     with h5py.File(tmp_path / "a.h5") as file:
         file.visititems(look)
         assert file.attrs["complete"]
-        assert file.attrs["schema_version"] == 1
+        assert file.attrs["schema_version"] == 2
         assert file.attrs["created_by"].startswith("cmm-align ")
     assert seen
 
@@ -98,3 +98,19 @@ def test_a_numpy_scalar_in_a_report_survives(alignment, same, tmp_path):
     report = replace(alignment.report, two_path_difference_nm=np.float64(0.5), iterations=np.int64(3))
     io.write(replace(alignment, report=report), tmp_path / "a.h5")
     assert io.read_alignment(tmp_path / "a.h5").report.iterations == 3
+
+
+def test_an_alignment_of_version_1_is_still_read(alignment, tmp_path):
+    """Version 1 knew used points only, and a shorter report."""
+    io.write(alignment, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["schema_version"] = 1
+        for name in ("judged", "status", "sigma_mm"):
+            del file["points"][name]
+        for name in ("steps", "n_edge", "n_apart", "weights", "scale", "locked"):
+            del file["report"].attrs[name]
+    back = io.read_alignment(tmp_path / "a.h5")
+    np.testing.assert_array_equal(back.judged, alignment.used)
+    np.testing.assert_array_equal(back.status == 0, alignment.used)
+    assert back.sigma_mm is None
+    assert (back.report.steps, back.report.weights, back.report.scale) == ((), "equal", 1.0)

@@ -8,7 +8,7 @@ from truth_maps import WINDOW, aligned, random_places
 
 from cmm_align.config import ErrorMapConfig
 from cmm_align.model import NominalQuality
-from cmm_align.report import summary
+from cmm_align.report import alignment_summary, summary
 from cmm_align.stages.compensate import compensate
 from cmm_align.stages.error_map import error_map
 
@@ -19,13 +19,13 @@ def alignment():
 
 
 def test_an_alignment_is_told_in_um_with_n(alignment):
-    rows = dict(summary.of_alignment(alignment))
+    rows = dict(alignment_summary.of_alignment(alignment))
     e = alignment.deviation_mm * 1e3
     assert rows["RMS"] == f"{np.sqrt(np.mean(e**2)):.3f} um"
     assert rows["points"].startswith("1000 of 1000 used")
     assert "not observable" not in rows
     held = replace(alignment, report=replace(alignment.report, unobservable=("rotation about z",)))
-    assert dict(summary.of_alignment(held))["not observable"].startswith("rotation about z")
+    assert dict(alignment_summary.of_alignment(held))["not observable"].startswith("rotation about z")
 
 
 def test_a_map_shows_verdict_extremes_ladder_and_side(alignment):
@@ -74,7 +74,7 @@ def test_a_nominal_shows_its_quality(alignment):
 def test_uncertainties_are_calm_numbers_in_the_unit_of_their_size(alignment):
     sigma = {"tx_um": 1700.0, "ty_um": 3.46, "rz_urad": 343.0, "rx_urad": 0.0, "ry_urad": np.inf}
     wild = replace(alignment, report=replace(alignment.report, pose_sigma=sigma))
-    text = dict(summary.of_alignment(wild))["uncertainty (k=1)"]
+    text = dict(alignment_summary.of_alignment(wild))["uncertainty (k=1)"]
     assert text == "tx 1.7 mm, ty 3.5 um, rz 340 urad, rx 0 urad, ry unknown"
-    rows = dict(summary.details_of_alignment(wild))
+    rows = dict(alignment_summary.details_of_alignment(wild))
     assert {"rotation vector", "stopped", "two paths differ by"} <= set(rows)

@@ -146,13 +146,13 @@ def test_the_verdict_keeps_a_guard_band_on_both_sides(pv_um, rms_um, expected):
     assert m.verdict is Verdict(expected)
 
 
-def test_unused_points_leave_no_trace():
+def test_points_that_do_not_count_leave_no_trace():
     x, y = random_places(WINDOW, 3000)
     a = aligned(WINDOW, form_error_mm, (x, y))
     spoiled = a.deviation_mm.copy()
     used = np.ones(len(x), dtype=bool)
     used[::10], spoiled[::10] = False, 1.0
-    bad = replace(a, deviation_mm=frozen_array(spoiled), used=frozen_array(used, np.bool_))
+    bad = replace(a, deviation_mm=frozen_array(spoiled), judged=frozen_array(used, np.bool_))
     clean = error_map(aligned(WINDOW, form_error_mm, (x[used], y[used])))
     np.testing.assert_array_equal(error_map(bad).deviation_mm, clean.deviation_mm)
 
@@ -160,7 +160,7 @@ def test_unused_points_leave_no_trace():
 def test_nothing_to_map_is_said():
     a = aligned(PLANE, form_error_mm, random_places(PLANE, 100))
     with pytest.raises(GeometryError, match="none of the 100 points"):
-        error_map(replace(a, used=frozen_array(np.zeros(100), np.bool_)))
+        error_map(replace(a, judged=frozen_array(np.zeros(100), np.bool_)))
     line = np.linspace(-40, 40, 100)
     with pytest.raises(GeometryError, match="span"):
         error_map(aligned(PLANE, form_error_mm, (line, np.zeros(100))))

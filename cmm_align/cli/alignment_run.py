@@ -1,0 +1,256 @@
+"""A run of `align`: files read, points laid on the nominal, results written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from cmm_align.cli.job import Job, Outcome, beside, typed
+from cmm_align.config import AlignConfig
+from cmm_align.errors import UsageError
+
+if TYPE_CHECKING:
+    from cmm_align.model import Fiducials, Nominal, PointSet
+    from cmm_align.pose import Pose
+    from cmm_align.stages.alignment_report import Regions
+    from cmm_align.surfaces.protocol import Array
+
+NO_BALL_MM: Final = 1e-3
+"""Tip radius where contact points are laid on a raw nominal: no ball is needed, and none so small matters."""
+EXIT_OF_VERDICT: Final = {"pass": 0, "none": 0, "fail": 5, "undecided": 6}
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """What the command line says about the probe and a raw nominal."""
+
+    tip_radius_mm: float | None = None
+    contact_points: bool = False
+    side: str | None = None
+    face: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Tables:
+    """Files that say more of single points, of datum points and of regions; None where there is none."""
+
+    weights: Path | None = None
+    limits: Path | None = None
+    fiducials: Path | None = None
+    iteration_log: Path | None = None
+    """Written: every step of the fit."""
+
+
+def make_alignment(
+    job: Job,
+    measured: Sequence[Path],
+    nominal: Path,
+    config: AlignConfig,
+    ball: Ball = Ball(),
+    *,
+    initial: str | None = None,
+    tables: Tables = Tables(),
+    output: Path | None = None,
+) -> Outcome:
+    """Read points and nominal, align them and write the result.
+
+    Parameters
+    ----------
+    job : Job
+    measured : sequence of Path
+        Points of one clamping.
+    nominal : Path
+        What `offset` wrote, or a raw nominal if the ball is known.
+    config : AlignConfig
+    ball : Ball
+    initial : str, optional
+        ``identity``, or the name of a file with the start pose.
+    tables : Tables
+    output : Path, optional
+        Beside the first measured file unless given.
+    """
+    from cmm_align import files, io
+    from cmm_align.cli import cautions, opening, record, results
+    from cmm_align.cli.progress import progress_bar
+    from cmm_align.cli.start import start_pose
+    from cmm_align.model import Nominal
+    from cmm_align.report import alignment_summary as summary
+    from cmm_align.stages.align import align
+    from cmm_align.stages.plausibility import check_measured
+
+    for path in measured:
+        opening.check_kind(path, opening.POINTS)
+    opening.check_kind(nominal, opening.NOMINAL)
+    if output is None:
+        output = beside(measured[0], ".align.h5")
+    read = [path for path in (tables.weights, tables.limits, tables.fiducials) if path is not None]
+    inputs = [*measured, nominal, *read]
+    points = joined([files.read_measured(path, job.units) for path in measured], contact=ball.contact_points)
+    source = files.read_nominal_any(nominal, job.units, _with_net(config), ball.face)
+    _check_ball(source, ball, where=str(nominal))
+    if isinstance(source, Nominal) and output.exists():
+        check_measured(points, source)  # a wrong unit is the larger mistake: it comes first
+    outputs = [output, *([] if tables.iteration_log is None else [tables.iteration_log])]
+    record.check_outputs(job, outputs, inputs)
+    target = source if isinstance(source, Nominal) else _offset(job, source, ball)
+    points = _weighted(points, tables)
+    regions, limits, fiducials = _constraints(job, points, target, config, tables)
+    start: Pose | None = None if initial is None else start_pose(initial)
+    with progress_bar(job) as progress:
+        alignment = align(
+            points,
+            target,
+            config,
+            start=start,
+            fiducials=fiducials,
+            tolerance=limits,
+            regions=regions,
+            progress=progress,
+        )
+    steps = record.steps(
+        job,
+        inputs,
+        after=[nominal] if isinstance(source, Nominal) else [],
+        align=config,
+        tip_radius_mm=target.tip_radius_mm,
+        contact_points=ball.contact_points,
+        initial=initial,
+        units=job.units,
+    )
+    io.write(alignment, output, steps, overwrite=job.overwrite)
+    if tables.iteration_log is not None:
+        files.write_iterations(tables.iteration_log, alignment.report.steps, overwrite=job.overwrite)
+    verdict, reasons = summary.verdict_of_alignment(alignment)
+    return Outcome(
+        command=job.command,
+        noun=alignment,
+        inputs=steps[-1].inputs,
+        outputs=outputs,
+        result=results.of_alignment(alignment),
+        rows=[results.probe_row(target), *summary.of_alignment(alignment)],
+        details=summary.details_of_alignment(alignment),
+        verdict="" if verdict == "none" else verdict.upper(),
+        reasons=reasons,
+        warnings=cautions.of_alignment(alignment),
+        next_command=typed("cmm-align", "error-map", output),
+        exit_code=EXIT_OF_VERDICT[verdict],
+    )
+
+
+def _with_net(config: AlignConfig) -> bool:
+    """Return whether the nodes of the nominal's net are needed."""
+    return config.distance == "facet" or config.method != "foot-point"
+
+
+def _weighted(points: PointSet, tables: Tables) -> PointSet:
+    """Give points the weights of a table."""
+    if tables.weights is None:
+        return points
+    from cmm_align import formats
+
+    table = formats.read_weights(tables.weights)
+    row = formats.matched(points.ids, table.ids, str(tables.weights))
+    return replace(points, weight=table.weight[row])
+
+
+def _constraints(
+    job: Job, points: PointSet, nominal: Nominal, config: AlignConfig, tables: Tables
+) -> tuple[Regions, tuple[Array, Array] | None, Fiducials | None]:
+    """Read what steers the fit beside the points: regions, limits of single points, datum points."""
+    from cmm_align import formats
+    from cmm_align.stages.alignment_report import Regions
+
+    texts = ((config.fit_region, "--fit-region"), (config.report_region, "--report-region"))
+    regions = Regions(
+        *(
+            formats.read_region(text, nominal.surface, job.units, name) if text else None
+            for text, name in texts
+        )
+    )
+    limits = None
+    if tables.limits is not None:
+        table = formats.read_limits(tables.limits, job.units)
+        row = formats.matched(points.ids, table.ids, str(tables.limits))
+        limits = table.lower_mm[row], table.upper_mm[row]
+    fiducials = None
+    if tables.fiducials is not None:
+        fiducials = formats.read_fiducials(tables.fiducials, job.units)
+    return regions, limits, fiducials
+
+
+def joined(sets: Sequence[PointSet], *, contact: bool) -> PointSet:
+    """Return point sets of one clamping as one.
+
+    Parameters
+    ----------
+    sets : sequence of PointSet
+        At least one.
+    contact : bool
+        Whether the user says that they are contact points.
+
+    Raises
+    ------
+    WrongStageError
+        If they are of different kinds or frames.
+    """
+    from cmm_align.errors import WrongStageError
+    from cmm_align.model import PointKind
+    from cmm_align.model import joined as below_each_other
+
+    for points in sets if contact else ():
+        if points.kind is PointKind.TIP_CENTRE:
+            raise WrongStageError(
+                "--contact-points, but the file says that these are tip centres",
+                where=points.source,
+                expected="one or the other",
+                remedy="leave the option out, or correct the header of the file",
+            )
+    if contact:
+        sets = [replace(points, kind=PointKind.CONTACT) for points in sets]
+    first = sets[0]
+    for points in sets[1:]:
+        if (points.kind, points.frame) != (first.kind, first.frame):
+            raise WrongStageError(
+                f"{points.kind} points in frame {points.frame}",
+                where=points.source,
+                expected=f"{first.kind} points in frame {first.frame}, as {first.source} has",
+            )
+    return below_each_other(sets)
+
+
+def _check_ball(source: object, ball: Ball, *, where: str) -> None:
+    """Refuse a raw nominal without a tip radius, and a tip radius that is not the nominal's."""
+    from cmm_align.model import Nominal
+    from cmm_align.stages.offset import SIDES
+
+    radius = ball.tip_radius_mm
+    if isinstance(source, Nominal):
+        if ball.side is not None and SIDES[ball.side] != source.side:
+            raise UsageError(
+                f"--side {ball.side}, but this nominal was offset to the other side",
+                where=where,
+                remedy="leave the option out, or run offset again",
+            )
+        if radius is not None and radius != source.tip_radius_mm:
+            raise UsageError(
+                f"--tip-radius {radius:g} mm, but this nominal was offset by {source.tip_radius_mm:g} mm",
+                where=where,
+                remedy="leave the option out, or run offset again",
+            )
+    elif radius is None and not ball.contact_points:
+        raise UsageError(
+            "a raw nominal needs the tip radius",
+            where=where,
+            remedy="give --tip-radius, or the file that offset wrote",
+        )
+
+
+def _offset(job: Job, source: object, ball: Ball) -> Nominal:
+    """Return a raw nominal with its ball."""
+    from cmm_align.stages.offset import offset
+
+    config = job.config.offset if ball.side is None else replace(job.config.offset, side=ball.side)
+    radius_mm = NO_BALL_MM if ball.tip_radius_mm is None else ball.tip_radius_mm
+    return offset(source, radius_mm, config)  # type: ignore[arg-type]
