@@ -4,6 +4,8 @@ The map of the house, in the order in which a measurement walks through it:
 
 - `cmm_align.formats`, `cmm_align.io` read points, nominals and our own files; `cmm_align.files` finds
   out which is which.
+- `cmm_align.dialects` knows what machines say on a wire, line by line, without a port or a file.
+- `cmm_align.device` is the port: capture without loss, its journal, replay.
 - `cmm_align.surfaces` answers height, slope and curvature of any nominal.
 - `cmm_align.stages` holds the four steps: `offset` (equidistant surface), `align` (pose and deviations),
   `error_map` (gridded deviations) and `compensate` (the surface to command next). Pure functions.
