@@ -35,6 +35,7 @@ COMMANDS: Final = {
     "align": "Best-fit pose, deviations and contact points.",
     "error-map": "Gridded deviations, statistics, picture and verdict.",
     "compensate": "The surface to grind next, with its exports.",
+    "capture": "Points from the controller's port, or from a recording of one.",
     "info": "What is in a file, and where it came from.",
     "demo": "The whole loop on built-in data, no machine needed.",
 }
