@@ -17,7 +17,8 @@ from cmm_align.units import UM_PER_MM, parse_length_mm
 
 TEXT = """Best-fit pose of MEASURED on NOMINAL, with deviations and contact points.
 
-MEASURED holds tip centres as the machine reports them, in one file or several of one clamping.
+MEASURED holds tip centres as the machine reports them, in one file or several of one clamping; a port
+(/dev/ttyUSB0, COM3, socket://host:port) or a recording of `capture` is captured first.
 NOMINAL is what `offset` wrote; a raw nominal will do if --tip-radius is given. The part may lie on the
 table in any place and orientation. Most parts need no option at all.
 """
@@ -32,13 +33,15 @@ LIMITS = {
 
 
 @options.command("align", TEXT)
-@click.argument("measured", type=FILE, nargs=-1, metavar="MEASURED...")
+@click.argument("measured", nargs=-1, metavar="MEASURED...")
 @click.argument("nominal", type=FILE, required=False, metavar="NOMINAL")
 @click.option("--tip-radius", type=Length(), metavar="R", help=f"{TIP_RADIUS_HELP} For a raw nominal.")
 @click.option(
     "--side", type=click.Choice(["+z", "-z"]), help="Side of the probe, for a raw nominal.  [default: +z]"
 )
 @click.option("--face", type=click.IntRange(min=1), metavar="N", help="Face of a raw CAD nominal.")
+@click.option("--profile", type=FILE, metavar="FILE.toml", help="The machine, if MEASURED is its port.")
+@click.option("--expect", type=click.IntRange(min=1), metavar="N", help="Points that the port will send.")
 @click.option("--contact-points", is_flag=True, help="MEASURED is compensated for the tip already.")
 @click.option(
     "--initial",
@@ -82,9 +85,9 @@ LIMITS = {
 )
 @click.option(
     "--weights",
-    metavar="equal|sigma|area|FILE",
-    help="How much points count: alike, by their stated uncertainty, by the area that each stands for, or by"
-    " a table (id, weight).  [default: equal, or the column weight of MEASURED]",
+    metavar="equal|sigma|area|stated|FILE",
+    help="How much points count: alike, by their stated uncertainty, by the area that each stands for, by the"
+    " column weight of MEASURED, or by a table (id, weight).  [default: equal]",
 )
 @click.option(
     "--fiducials", type=FILE, metavar="FILE", help="Datum points with their uncertainty, beside the surface."
@@ -157,11 +160,13 @@ LIMITS = {
 def command(
     job: Job,
     *,
-    measured: tuple[Path, ...],
+    measured: tuple[str, ...],
     nominal: Path | None,
     tip_radius: float | None,
     side: str | None,
     face: int | None,
+    profile: Path | None,
+    expect: int | None,
     contact_points: bool,
     initial: str | None,
     tolerance: str | None,
@@ -174,6 +179,7 @@ def command(
 ) -> int:
     """Parse, call, show."""
     from cmm_align.cli.alignment_run import Ball, Tables, make_alignment
+    from cmm_align.cli.measured import Sources
     from cmm_align.cli.show import finish
 
     if nominal is None or not measured:
@@ -192,10 +198,10 @@ def command(
     if config.monte_carlo and not config.mpe:
         raise UsageError("--monte-carlo without the error of the machine", expected="--mpe '0.7+L/400'")
     tables = Tables(weights_file, limits_file, fiducials, log_iterations)
-    ball = Ball(tip_radius, contact_points, side, face)
+    ball, sources = Ball(tip_radius, side, face), Sources(measured, profile, expect, contact_points)
     return finish(
         job,
-        make_alignment(job, measured, nominal, config, ball, initial=initial, tables=tables, output=output),
+        make_alignment(job, sources, nominal, config, ball, initial=initial, tables=tables, output=output),
     )
 
 

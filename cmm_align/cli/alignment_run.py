@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from cmm_align.cli.job import Job, Outcome, beside, typed
+from cmm_align.cli.job import Job, Outcome, typed
+from cmm_align.cli.measured import Sources
 from cmm_align.config import AlignConfig
 from cmm_align.errors import UsageError
 
@@ -27,7 +27,6 @@ class Ball:
     """What the command line says about the probe and a raw nominal."""
 
     tip_radius_mm: float | None = None
-    contact_points: bool = False
     side: str | None = None
     face: int | None = None
 
@@ -45,7 +44,7 @@ class Tables:
 
 def make_alignment(
     job: Job,
-    measured: Sequence[Path],
+    sources: Sources,
     nominal: Path,
     config: AlignConfig,
     ball: Ball = Ball(),
@@ -59,7 +58,7 @@ def make_alignment(
     Parameters
     ----------
     job : Job
-    measured : sequence of Path
+    sources : Sources
         Points of one clamping.
     nominal : Path
         What `offset` wrote, or a raw nominal if the ball is known.
@@ -69,10 +68,10 @@ def make_alignment(
         ``identity``, or the name of a file with the start pose.
     tables : Tables
     output : Path, optional
-        Beside the first measured file unless given.
+        Beside the first measured file unless given; here for a port.
     """
     from cmm_align import files, io
-    from cmm_align.cli import cautions, opening, record, results
+    from cmm_align.cli import cautions, measured, opening, record, results
     from cmm_align.cli.progress import progress_bar
     from cmm_align.cli.start import start_pose
     from cmm_align.model import Nominal
@@ -80,20 +79,25 @@ def make_alignment(
     from cmm_align.stages.align import align
     from cmm_align.stages.plausibility import check_measured
 
-    for path in measured:
-        opening.check_kind(path, opening.POINTS)
+    port = measured.port_of(sources)
+    for name in sources.names if port is None else ():
+        opening.check_kind(Path(name), opening.POINTS)
     opening.check_kind(nominal, opening.NOMINAL)
     if output is None:
-        output = beside(measured[0], ".align.h5")
-    read = [path for path in (tables.weights, tables.limits, tables.fiducials) if path is not None]
-    inputs = [*measured, nominal, *read]
-    points = joined([files.read_measured(path, job.units) for path in measured], contact=ball.contact_points)
+        output = measured.default_output(sources, port)
     source = files.read_nominal_any(nominal, job.units, _with_net(config), ball.face)
-    _check_ball(source, ball, where=str(nominal))
+    _check_ball(source, ball, contact=sources.contact, where=str(nominal))
+    outputs = [output, *([] if tables.iteration_log is None else [tables.iteration_log])]
+    if port is not None:  # nobody starts a dump twice
+        record.check_outputs(job, outputs, [nominal])
+    given = measured.read_measured(job, sources, port, output)
+    points = given.points
+    read = [path for path in (tables.weights, tables.limits, tables.fiducials) if path is not None]
+    inputs = [*given.paths, nominal, *read]
     if isinstance(source, Nominal) and output.exists():
         check_measured(points, source)  # a wrong unit is the larger mistake: it comes first
-    outputs = [output, *([] if tables.iteration_log is None else [tables.iteration_log])]
     record.check_outputs(job, outputs, inputs)
+    _check_tip(given.tip_radius_mm, source, ball)
     target = source if isinstance(source, Nominal) else _offset(job, source, ball)
     points = _weighted(points, tables)
     regions, limits, fiducials = _constraints(job, points, target, config, tables)
@@ -115,7 +119,7 @@ def make_alignment(
         after=[nominal] if isinstance(source, Nominal) else [],
         align=config,
         tip_radius_mm=target.tip_radius_mm,
-        contact_points=ball.contact_points,
+        contact_points=sources.contact,
         initial=initial,
         units=job.units,
     )
@@ -133,7 +137,7 @@ def make_alignment(
         details=summary.details_of_alignment(alignment),
         verdict="" if verdict == "none" else verdict.upper(),
         reasons=reasons,
-        warnings=cautions.of_alignment(alignment),
+        warnings=[*given.warnings, *cautions.of_alignment(alignment)],
         next_command=typed("cmm-align", "error-map", output),
         exit_code=EXIT_OF_VERDICT[verdict],
     )
@@ -180,47 +184,7 @@ def _constraints(
     return regions, limits, fiducials
 
 
-def joined(sets: Sequence[PointSet], *, contact: bool) -> PointSet:
-    """Return point sets of one clamping as one.
-
-    Parameters
-    ----------
-    sets : sequence of PointSet
-        At least one.
-    contact : bool
-        Whether the user says that they are contact points.
-
-    Raises
-    ------
-    WrongStageError
-        If they are of different kinds or frames.
-    """
-    from cmm_align.errors import WrongStageError
-    from cmm_align.model import PointKind
-    from cmm_align.model import joined as below_each_other
-
-    for points in sets if contact else ():
-        if points.kind is PointKind.TIP_CENTRE:
-            raise WrongStageError(
-                "--contact-points, but the file says that these are tip centres",
-                where=points.source,
-                expected="one or the other",
-                remedy="leave the option out, or correct the header of the file",
-            )
-    if contact:
-        sets = [replace(points, kind=PointKind.CONTACT) for points in sets]
-    first = sets[0]
-    for points in sets[1:]:
-        if (points.kind, points.frame) != (first.kind, first.frame):
-            raise WrongStageError(
-                f"{points.kind} points in frame {points.frame}",
-                where=points.source,
-                expected=f"{first.kind} points in frame {first.frame}, as {first.source} has",
-            )
-    return below_each_other(sets)
-
-
-def _check_ball(source: object, ball: Ball, *, where: str) -> None:
+def _check_ball(source: object, ball: Ball, *, contact: bool, where: str) -> None:
     """Refuse a raw nominal without a tip radius, and a tip radius that is not the nominal's."""
     from cmm_align.model import Nominal
     from cmm_align.stages.offset import SIDES
@@ -239,11 +203,24 @@ def _check_ball(source: object, ball: Ball, *, where: str) -> None:
                 where=where,
                 remedy="leave the option out, or run offset again",
             )
-    elif radius is None and not ball.contact_points:
+    elif radius is None and not contact:
         raise UsageError(
             "a raw nominal needs the tip radius",
             where=where,
             remedy="give --tip-radius, or the file that offset wrote",
+        )
+
+
+def _check_tip(profile_mm: float, source: object, ball: Ball) -> None:
+    """Refuse a machine whose profile names another tip than the nominal was offset for."""
+    from cmm_align.model import Nominal
+
+    radius = source.tip_radius_mm if isinstance(source, Nominal) else ball.tip_radius_mm
+    if profile_mm > 0.0 and radius is not None and profile_mm != radius:
+        raise UsageError(
+            f"the machine's profile says a tip radius of {profile_mm:g} mm, the nominal {radius:g} mm",
+            expected="the same",
+            remedy="run offset with the tip that was used, or correct the profile",
         )
 
 

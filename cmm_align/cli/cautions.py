@@ -14,8 +14,6 @@ TIGHT_FIT: Final = 0.5
 """Warn where the ball takes up this share of the concave radius."""
 TWO_PATHS_NM: Final = 10.0
 """Warn where the two independent ways to a deviation differ by more."""
-MANY_OUTSIDE: Final = 0.02
-"""Warn where this share of the points lies outside the nominal."""
 LOCKED_UNCERTAINTY_UM: Final = 100.0
 """Warn of a motion that is known no better than this."""
 FULL_COVERAGE: Final = 0.95
@@ -62,12 +60,8 @@ def _too_large(nominal: Nominal, quality: NominalQuality) -> str:
 def of_alignment(alignment: Alignment) -> list[str]:
     """Return what to know about an alignment."""
     report = alignment.report
-    texts = [f"{motion}; held at the start value" for motion in report.unobservable]
-    count = len(alignment.deviation_mm)
-    if report.n_outside > MANY_OUTSIDE * count:
-        texts.append(f"{report.n_outside} of {count} points lie outside the nominal")
-    if report.n_outliers:
-        texts.append(f"{report.n_outliers} of {count} points were left out of the fit as outliers")
+    texts = list(report.warnings)
+    texts += [f"{motion}; held at the start value" for motion in report.unobservable]
     if report.two_path_difference_nm > TWO_PATHS_NM:
         texts.append(
             f"two ways to the same deviation differ by {report.two_path_difference_nm:.0f} nm: "

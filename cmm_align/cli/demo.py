@@ -11,6 +11,7 @@ import click
 
 from cmm_align.cli import options
 from cmm_align.cli.job import Job, Outcome, typed
+from cmm_align.cli.measured import Sources
 from cmm_align.cli.options import FILE
 from cmm_align.errors import OutputError, OutputExistsError
 from cmm_align.units import UM_PER_MM
@@ -179,6 +180,7 @@ def measure_and_map(
     write_points(
         points, PointSet.of(centres, kind=PointKind.TIP_CENTRE), decimals=POINT_DECIMALS, overwrite=True
     )
-    aligned = make_alignment(replace(job, command="align"), [points], nominal, job.config.align)
+    sources = Sources((str(points),))
+    aligned = make_alignment(replace(job, command="align"), sources, nominal, job.config.align)
     outcome = make_map(replace(job, command="error-map"), aligned.outputs[0], job.config.error_map)
     return cast("DeviationMap", outcome.noun)

@@ -138,7 +138,7 @@ def reported(
         n_edge=counts[PointStatus.EDGE],
         n_not_reached=counts[PointStatus.NOT_REACHED],
         n_apart=counts[PointStatus.APART],
-        warnings=notes + warnings_of(measured, nominal, inside, bare.status == PointStatus.OUTLIER),
+        warnings=notes + warnings_of(measured, nominal, inside, bare.status == PointStatus.OUTLIER, config),
         criterion=config.criterion,
         certificate=fitted.certificate,
         correlated=correlated,

@@ -237,7 +237,6 @@ def linear_refit(
     return LinearRefit(push, response, rows, to_part, turned(spectral, part_from_surface))
 
 
-
 def _rms(deviations_mm: Array) -> Array:
     """Return the root of the mean square along the last axis."""
     squares = np.einsum("...j,...j->...", deviations_mm, deviations_mm)

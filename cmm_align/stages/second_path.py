@@ -66,7 +66,9 @@ def two_path_difference_mm(
     return max(in_threads(work, len(centred)))
 
 
-def warnings_of(measured: PointSet, nominal: Nominal, inside: Mask, outlying: Mask) -> tuple[str, ...]:
+def warnings_of(
+    measured: PointSet, nominal: Nominal, inside: Mask, outlying: Mask, config: AlignConfig
+) -> tuple[str, ...]:
     """Return what the operator should know, a sentence each.
 
     Parameters
@@ -75,6 +77,7 @@ def warnings_of(measured: PointSet, nominal: Nominal, inside: Mask, outlying: Ma
     nominal : Nominal
     inside, outlying : ndarray of bool, shape (N,)
         Which points lie on the nominal, and which of them are outliers.
+    config : AlignConfig
     """
     found = []
     ids = measured.ids[outlying]
@@ -91,5 +94,8 @@ def warnings_of(measured: PointSet, nominal: Nominal, inside: Mask, outlying: Ma
         )
     if len(ids):
         named = ", ".join(str(i) for i in ids[:5]) + (" ..." if len(ids) > 5 else "")
-        found.append(f"{len(ids)} outliers were left out of the fit: points {named}")
+        many = "outliers were left out of the fit: points" if len(ids) > 1 else "outlier was left out: point"
+        found.append(f"{len(ids)} {many} {named}")
+    if measured.weight is not None and config.weights != "stated":
+        found.append("the points state weights, which were not used: --weights stated uses them")
     return tuple(found)

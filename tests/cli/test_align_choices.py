@@ -189,3 +189,32 @@ def test_points_beside_the_aperture_are_no_measurement(cli, shop, tmp_path):
     )
     assert ran.code in (3, 4)
     assert not (tmp_path / "a.h5").exists()
+
+
+def test_what_the_stage_noticed_is_shown(cli, shop, tmp_path):
+    """A file without a header, a touch on dirt: the operator is told of both."""
+    points = np.loadtxt(shop / "part.csv", delimiter=",", skiprows=2)[:, :3]
+    points[7, 2] += 0.4
+    np.savetxt(tmp_path / "bare.csv", points, fmt="%.6f", delimiter=",")
+    ran = cli("align", tmp_path / "bare.csv", shop / "nominal.h5", "-v")
+    assert ran.code == 0
+    assert "taken for tip centres" in ran.err
+    assert "1 outlier was left out: point 7" in ran.err
+    assert "point 7 at (" in ran.out
+    shown = cli("align", tmp_path / "bare.csv", shop / "nominal.h5", "--json", "--overwrite").json
+    assert any("taken for tip centres" in text for text in shown["warnings"])
+    assert [point["id"] for point in shown["result"]["outliers"]] == [7]
+
+
+def test_a_recording_of_the_port_is_captured_and_aligned_in_one_go(cli, shop, tmp_path):
+    points = np.loadtxt(shop / "part.csv", delimiter=",", skiprows=2)[:, :3]
+    (tmp_path / "dump.txt").write_bytes(b"".join(b"%.6f,%.6f,%.6f\r\n" % tuple(row) for row in points))
+    once = cli("align", f"replay://{tmp_path / 'dump.txt'}", shop / "nominal.h5", "--json")
+    assert once.code == 0, once.err
+    twice = cli("align", tmp_path / "dump.txt", shop / "nominal.h5", "--json", "-o", tmp_path / "b.h5")
+    assert once.result["part_from_machine"] == twice.result["part_from_machine"]
+    (tmp_path / "cut.txt").write_bytes((tmp_path / "dump.txt").read_bytes()[:-5])
+    cut = cli("align", f"replay://{tmp_path / 'cut.txt'}", shop / "nominal.h5")
+    assert cut.code == 7
+    assert "not complete" in cut.err
+    assert not (tmp_path / "cut.align.h5").exists()
