@@ -80,8 +80,9 @@ def of_map(deviation_map: DeviationMap) -> list[str]:
     """Return what to know about a map."""
     coverage = deviation_map.coverage
     if np.isfinite(coverage) and coverage < FULL_COVERAGE:
+        whole = deviation_map.alignment.report.report_region or "nominal"
         return [
-            f"the map knows {100.0 * coverage:.0f} % of the nominal's area only: its numbers and verdict say "
+            f"the map knows {100.0 * coverage:.0f} % of the {whole} only: its numbers and verdict say "
             "nothing about the rest"
         ]
     return []

@@ -91,6 +91,8 @@ class FitReport:
     """In words; empty where the whole nominal steers the fit."""
     report_region: str = ""
     """In words; empty where every deviation counts in the numbers."""
+    report_region_text: str = ""
+    """The same as the setting takes it, lengths in mm, frame `surface`."""
     n_fiducials: int = 0
     """Datum terms beside the points."""
     scale: float = 1.0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Final
 
-from cmm_align.model import Alignment, FitReport, MonteCarlo, PointStatus, Verdict
+from cmm_align.model import Alignment, FitReport, MonteCarlo, PointStatus, PoseKnowledge, Verdict
 from cmm_align.model.removed_motion import words as removed_words
 from cmm_align.pose import Pose
 from cmm_align.report.wording import calm, extreme, in_nm, in_um, signed, triple, two_digits
@@ -35,12 +35,21 @@ def of_alignment(alignment: Alignment) -> Rows:
         rows.append(("not observable", ", ".join(r.unobservable) + "; held at the start value"))
     rows += _choices(r)
     if r.knowledge is not None and r.knowledge.weak:
-        rows.append(("weakly known", r.knowledge.words()[0]))
+        rows += _weakly(r.knowledge)
     if r.monte_carlo is not None:
         rows += _simulated(r.monte_carlo)
     if r.bidirectional is not None:
         rows.append(("the other way", r.bidirectional.words))
     return rows
+
+
+def _weakly(knowledge: PoseKnowledge) -> Rows:
+    """Name the motions that the form hardly holds, each with how far it may displace the edge."""
+    told = []
+    for motion in knowledge.weak:
+        name = motion.words.partition(" (nearly a ")[2].removesuffix(")") or motion.words
+        told.append(f"{name}, {in_um(motion.sigma_um / UM_PER_MM)}")
+    return [("weakly known" if k == 0 else "", line) for k, line in enumerate(told)]
 
 
 def _choices(report: FitReport) -> Rows:

@@ -86,7 +86,8 @@ def draw_map(
         draw_scale(figure, image, (right + 0.015, bottom + 0.06 * tall, 0.017, 0.82 * tall), limit)
         marks: list[tuple[Artist, str]] = [] if dots is None else [(dots, "measured point")]
         if unknown_inside(nominal, m.x_mm, m.y_mm, m.deviation_mm):
-            marks.append((hatched_patch(), "not measured"))
+            told = deviation_map.alignment.report.report_region
+            marks.append((hatched_patch(), "not measured, or not judged" if told else "not measured"))
         legend(figure, marks, right, height_in)
         single = m.point_statistics
         lines = [

@@ -80,7 +80,8 @@ def of_map(deviation_map: DeviationMap) -> Rows:
     ]
     rows += [_rung(rung) for rung in m.ladder if rung.removed == "+ power"]
     if math.isfinite(m.coverage):
-        rows.append(("coverage", f"{as_percent(m.coverage)} of the nominal's area, by {p.n} points"))
+        whole = m.alignment.report.report_region or "nominal"
+        rows.append(("coverage", f"{as_percent(m.coverage)} of the {whole}, by {p.n} points"))
     rows.append(("grid", f"{s.n} of {nx} x {ny} nodes, {as_length(m.spacing_mm)} apart"))
     rows.append(("sign", _sign(m.alignment.nominal)))
     return rows

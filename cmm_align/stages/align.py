@@ -165,15 +165,16 @@ def align(
         cloud, few, Way(way_start, way), rule, config, nominal=nominal, fiducials=fiducials, tell=tell
     )
     if config.max_iterations > 0:
+        if regions.fit is not None:  # before anything is made of so few
+            _check_enough(fitted, config, measured)
         near = _pose(fitted.near.placement, cloud, nominal)
-        notes += consulted(measured, nominal, fitted.near, near, frame, config)
+        steering = None if regions.fit is None else fitted.result.evaluation.used
+        notes += consulted(measured, nominal, fitted.near, near, frame, config, steering=steering)
         try:
             check_fit(fitted.result, cloud.settings.size_mm)
         except NumericsError as failure:
             raise explained(failure, measured, nominal, start) from None
-        locked = locked_motions(config)
-        n_used = int(np.count_nonzero(fitted.result.evaluation.used))
-        check_enough(n_used, 6 - len(locked), locked, measured.source)
+        _check_enough(fitted, config, measured)
         if config.scale == "free":
             tell("scale", 0.6)
             fitted = scaled(fitted)
@@ -184,6 +185,13 @@ def align(
     bare = _laid(measured, nominal, fitted, regions.report)
     found = reported(bare, measured, fitted, config, regions, frame, notes)
     return checked(found, fitted, config, tell)
+
+
+def _check_enough(fitted: Fitted, config: AlignConfig, measured: PointSet) -> None:
+    """Refuse fewer points than motions."""
+    locked = locked_motions(config)
+    n_used = int(np.count_nonzero(fitted.result.evaluation.used))
+    check_enough(n_used, 6 - len(locked), locked, measured.source)
 
 
 def _by_reference(

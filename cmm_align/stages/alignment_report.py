@@ -147,6 +147,7 @@ def reported(
         lock_frame=config.lock_frame,
         fit_region="" if regions.fit is None else regions.fit.words,
         report_region="" if regions.report is None else regions.report.words,
+        report_region_text="" if regions.report is None else regions.report.text,
         n_fiducials=0 if cloud.steering.datum is None else len(cloud.steering.datum.weights),
         scale=cloud.scale,
         free_scale=fitted.free_scale,

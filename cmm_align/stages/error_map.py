@@ -27,6 +27,7 @@ from cmm_align.numerics.polynomial_basis import n_terms, orthonormalised, rectan
 from cmm_align.stages.deviation_statistics import deviation_statistics
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Mask
+from cmm_align.surfaces.region import region_from_text
 from cmm_align.units import UM_PER_MM
 
 STEPS_PER_BOX: Final = 1.2
@@ -114,7 +115,7 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         u_rms_mm = float(np.hypot(u_rms_mm, simulated.rms.std_um / UM_PER_MM))
     points = deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm)
     u_pv_mm = _u_pv(deviation, sigma, fit.scatter)
-    coverage = _coverage(nominal, x_mm, y_mm, np.isfinite(deviation))
+    coverage = _coverage(alignment, x_mm, y_mm, np.isfinite(deviation))
     verdict, lines = _verdict((statistics, points), u_pv_mm, u_rms_mm, coverage, config)
     return DeviationMap(
         alignment=alignment,
@@ -269,17 +270,20 @@ def _u_pv(deviation: Array, sigma: Array, scatter_mm: float) -> float:
     return max(float(np.hypot(*np.nan_to_num(two))), float(np.sqrt(2.0) * np.nan_to_num(scatter_mm)))
 
 
-def _coverage(nominal: Nominal, x_mm: Array, y_mm: Array, known: Mask) -> float:
-    """Return the share of the nominal's area that lies within a step of a known node.
+def _coverage(alignment: Alignment, x_mm: Array, y_mm: Array, known: Mask) -> float:
+    """Return the share of the nominal's area, or of its report region, within a step of a known node.
 
     The outer nodes stand inside the data by design; a whole step allows for that and for the reach of
     the ball at the border.
     """
-    b = nominal.surface.bounds
+    surface, region = alignment.nominal.surface, alignment.report.report_region_text
+    b = surface.bounds
     x = np.linspace(b.x_min, b.x_max, _COVERAGE_NODES)
     y = np.linspace(b.y_min, b.y_max, _COVERAGE_NODES)
     px, py = (a.ravel() for a in np.meshgrid(x, y))
-    inside = nominal.surface.contains(px, py)
+    inside = surface.contains(px, py)
+    if region:
+        inside[inside] = region_from_text(region, surface).contains(px[inside], py[inside])
     u = (px - x_mm[0]) / (x_mm[1] - x_mm[0])
     v = (py - y_mm[0]) / (y_mm[1] - y_mm[0])
     near = np.zeros(len(px), dtype=bool)

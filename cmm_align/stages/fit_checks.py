@@ -12,6 +12,7 @@ from cmm_align.model import Nominal, PointKind, PointSet
 from cmm_align.numerics.rigid_fit import FitResult
 from cmm_align.pose import Pose
 from cmm_align.stages.fit_doctor import diagnose, explain_failure
+from cmm_align.surfaces.protocol import Mask
 
 LARGEST_RMS: Final = 0.01
 """A fit whose RMS is above this share of the size has found nothing."""
@@ -20,7 +21,14 @@ ON_SURFACE: Final = 0.5
 
 
 def consulted(
-    measured: PointSet, nominal: Nominal, near: FitResult, found: Pose, frame: Pose, config: AlignConfig
+    measured: PointSet,
+    nominal: Nominal,
+    near: FitResult,
+    found: Pose,
+    frame: Pose,
+    config: AlignConfig,
+    *,
+    steering: Mask | None = None,
 ) -> tuple[str, ...]:
     """Ask the fit doctor; refuse on clear evidence of a mistake, pass suspicions on.
 
@@ -33,6 +41,8 @@ def consulted(
     found, frame : Pose
         ``part_from_machine`` after the fit, and where it started.
     config : AlignConfig
+    steering : ndarray of bool, shape (N,), optional
+        The points to look at, where a fit region leaves the others alone; all without it.
 
     Raises
     ------
@@ -44,7 +54,8 @@ def consulted(
     if on < ON_SURFACE or rms > LARGEST_RMS * nominal.surface.bounds.diagonal_mm:
         return ()
     contact = measured.kind is PointKind.CONTACT
-    seen = diagnose(measured.points_mm, nominal, found, frame, contact=contact)
+    points = measured.points_mm if steering is None else measured.points_mm[steering]
+    seen = diagnose(points, nominal, found, frame, contact=contact)
     if seen.clear and not config.trust_me:
         first = seen.clear[0]
         raise WrongStageError(

@@ -44,11 +44,14 @@ class Region:
     ----------
     words : str
         What it is, for the report: ``circle of radius 30 mm about (0, 0)``.
+    text : str
+        The same as `region_from_text` takes it, lengths in mm.
     inside : callable
         Says of places x, y of shape (n,), mm, whether they lie in it; the border belongs to it.
     """
 
     words: str
+    text: str
     inside: Callable[[Array, Array], Mask]
 
     def contains(self, x_mm: Array, y_mm: Array) -> Mask:
@@ -129,7 +132,7 @@ def region_from_table(table: Mapping[str, Any] | None, mm_per_unit: float = 1.0,
     if aperture.corners and _area(aperture) == 0.0:
         raise MalformedInputError("the polygon has no area", where=where)
     return Region(
-        _words(aperture, mm_per_unit), lambda x, y: aperture.contains(x / mm_per_unit, y / mm_per_unit)
+        _words(aperture, mm_per_unit), _text(aperture, mm_per_unit), lambda x, y: aperture.contains(x / mm_per_unit, y / mm_per_unit)
     )
 
 
@@ -163,7 +166,7 @@ def _inset(lengths: list[float], surface: Surface, where: str) -> Region:
             expected=f"aperture:-{-margin:g}mm, a margin inwards",
         )
     if margin == 0.0:
-        return Region("the whole aperture", surface.contains)
+        return Region("the whole aperture", "aperture:0", surface.contains)
     inside = deep_inside(surface, margin)
     if inside is None:
         raise UsageError(
@@ -171,7 +174,7 @@ def _inset(lengths: list[float], surface: Surface, where: str) -> Region:
             where=where,
             expected="less than half its width",
         )
-    return Region(f"the aperture less {margin:g} mm all round", inside)
+    return Region(f"the aperture less {margin:g} mm all round", f"aperture:{-margin!r}", inside)
 
 
 def _words(aperture: Aperture, unit: float) -> str:
@@ -184,6 +187,18 @@ def _words(aperture: Aperture, unit: float) -> str:
         "rectangle": f"rectangle of {width:g} x {height:g} mm {about}",
         "polygon": f"polygon of {len(aperture.corners)} corners within {width:g} x {height:g} mm {about}",
     }[aperture.shape]
+
+
+def _text(aperture: Aperture, unit: float) -> str:
+    """Return a region as `region_from_text` takes it."""
+    inner, outer = aperture.radii
+    numbers = {
+        "circle": [*aperture.centre, outer],
+        "annulus": [*aperture.centre, inner, outer],
+        "rectangle": [*aperture.centre, *(2.0 * half for half in aperture.half)],
+        "polygon": [value for corner in aperture.corners for value in corner],
+    }[aperture.shape]
+    return f"{aperture.shape}:{','.join(repr(float(value * unit)) for value in numbers)}"
 
 
 def _area(polygon: Aperture) -> float:

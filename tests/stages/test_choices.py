@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from truth import measured_window
 
-from cmm_align.config import AlignConfig, OffsetConfig
+from cmm_align.config import AlignConfig, ErrorMapConfig, OffsetConfig
 from cmm_align.errors import GeometryError, InputError, NumericsError, UsageError
-from cmm_align.model import Fiducials, PointKind, PointSet, PointStatus, frozen_array
+from cmm_align.model import Fiducials, PointKind, PointSet, PointStatus, Verdict, frozen_array
 from cmm_align.pose import Pose, rotation_from_vector
 from cmm_align.stages.align import align
+from cmm_align.stages.error_map import error_map
 from cmm_align.stages.offset import offset
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.prescription import prescription_from_toml
@@ -158,6 +159,19 @@ def test_the_fit_region_steers_and_everything_is_told(nominal):
     )
     assert np.array_equal(both.judged, (np.abs(x) <= 5.0) & (np.abs(y) <= 5.0))
     np.testing.assert_array_equal(both.deviation_mm, found.deviation_mm)
+
+
+def test_coverage_and_verdict_are_those_of_the_report_region(nominal):
+    """The middle was measured only, and the middle only is asked for: nothing is missing."""
+    x, y = scattered(4000, half=(32.0, 22.0))
+    points = PointSet.of(NEAR.apply(tips(x, y, 1e-3 * np.sin(0.3 * x))), kind=PointKind.TIP_CENTRE)
+    whole = error_map(align(points, nominal), ErrorMapConfig(tolerance_pv_um=10.0))
+    asked = AlignConfig(report_region="rectangle:0,0,60,40")
+    middle = error_map(align(points, nominal, asked), ErrorMapConfig(tolerance_pv_um=10.0))
+    assert whole.coverage < 0.6
+    assert whole.verdict == Verdict.UNDECIDED
+    assert middle.coverage > 0.99
+    assert middle.verdict == Verdict.PASS
 
 
 def test_dirt_outside_the_fit_region_is_an_outlier_all_the_same(nominal):

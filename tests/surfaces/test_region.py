@@ -13,6 +13,7 @@ from cmm_align.surfaces.margin import RASTER
 from cmm_align.surfaces.mesh import mesh_surface
 from cmm_align.surfaces.prescription import prescription_from_toml
 from cmm_align.surfaces.region import region_from_table, region_from_text
+from cmm_align.virtual.window import window
 
 SQUARE = Sphere(20.0, "prescription", 50.0)
 TEXTS = {
@@ -162,3 +163,16 @@ def test_no_margin_is_the_whole_aperture():
 
     assert region.words == "the whole aperture"
     assert region.contains(np.array([20.0, 20.1]), np.zeros(2)).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["circle:1,2,3mm", "annulus:0,0,5,10", "rectangle:1,2,30,20", "polygon:0,0,30,0,0,0.02m", "aperture:-2"],
+)
+def test_a_region_knows_itself_as_text(rng, text):
+    surface = window()
+    region = region_from_text(text, surface)
+    again = region_from_text(region.text, surface)
+    x, y = rng.uniform(-60, 60, 5000), rng.uniform(-40, 40, 5000)
+    assert np.array_equal(again.contains(x, y), region.contains(x, y))
+    assert (again.words, again.text) == (region.words, region.text)
