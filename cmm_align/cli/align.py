@@ -13,7 +13,7 @@ from cmm_align.cli.job import Job
 from cmm_align.cli.options import FILE, TIP_RADIUS_HELP, Length, output_option
 from cmm_align.config import AlignConfig, checked
 from cmm_align.errors import UnitsError, UsageError
-from cmm_align.units import UM_PER_MM, parse_length_mm
+from cmm_align.units import REFERENCE_C, UM_PER_MM, parse_length_mm, parse_mpe
 
 TEXT = """Best-fit pose of MEASURED on NOMINAL, with deviations and contact points.
 
@@ -21,6 +21,12 @@ MEASURED holds tip centres as the machine reports them, in one file or several o
 (/dev/ttyUSB0, COM3, socket://host:port) or a recording of `capture` is captured first.
 NOMINAL is what `offset` wrote; a raw nominal will do if --tip-radius is given. The part may lie on the
 table in any place and orientation. Most parts need no option at all.
+
+\b
+  clear aperture only     --report-region aperture:-2mm
+  does it pass at all?    --tolerance 10um
+  warm part               --temperature 23.5 --expansion 7.1e-6
+  limits on the drawing   --limit wedge=3 --limit thickness=20
 """
 
 LIMITS = {
@@ -32,7 +38,28 @@ LIMITS = {
 """What --limit may name: the setting behind it, and its unit."""
 
 
-@options.command("align", TEXT)
+HEADINGS = {
+    "Every day": ("--output", "--overwrite", "--tolerance", "--report-region", "--initial", "--units"),
+    "A nominal that offset has not seen": ("--tip-radius", "--side", "--face", "--contact-points"),
+    "From the port": ("--profile", "--expect"),
+    "What steers the fit": (
+        "--criterion",
+        "--fit-region",
+        "--weights",
+        "--outliers",
+        "--fiducials",
+        "--lock",
+        "--lock-frame",
+        "--centre",
+        "--trust-me",
+    ),
+    "Temperature and scale": ("--temperature", "--expansion", "--scale"),
+    "What can be said of it": ("--limit", "--monte-carlo", "--mpe", "--seed", "--bidirectional"),
+    "To compare and to look closer": ("--method", "--distance", "--iterations", "--log-iterations"),
+}
+
+
+@options.command("align", TEXT, headings=HEADINGS)
 @click.argument("measured", nargs=-1, metavar="MEASURED...")
 @click.argument("nominal", type=FILE, required=False, metavar="NOMINAL")
 @click.option("--tip-radius", type=Length(), metavar="R", help=f"{TIP_RADIUS_HELP} For a raw nominal.")
@@ -190,13 +217,14 @@ def command(
     known = {field.name for field in fields(AlignConfig)}
     given = {name: value for name, value in settings.items() if value is not None and name in known}
     config = replace(job.config.align, **given)
+    if initial not in {None, "search", "identity"} and not Path(str(initial)).is_file():
+        raise UsageError(f"--initial {initial}", expected="identity, search, or a file with a start pose")
     if initial == "search":
         config, initial = replace(config, search="always"), None
     config, weights_file = _weights(config, weights)
     config, limits_file = _tolerance(config, tolerance)
     config = checked(_limits(config, limits))
-    if config.monte_carlo and not config.mpe:
-        raise UsageError("--monte-carlo without the error of the machine", expected="--mpe '0.7+L/400'")
+    _check_together(config, given)
     tables = Tables(weights_file, limits_file, fiducials, log_iterations)
     ball, sources = Ball(tip_radius, side, face), Sources(measured, profile, expect, contact_points)
     return finish(
@@ -205,12 +233,44 @@ def command(
     )
 
 
+def _check_together(config: AlignConfig, given: dict[str, Any]) -> None:
+    """Refuse options that do nothing alone, or that contradict each other."""
+    for name, option, partner, present in (
+        ("temperature_c", "--temperature", "--expansion 7.1e-6", config.expansion_per_k != 0.0),
+        ("expansion_per_k", "--expansion", "--temperature 23.5", config.temperature_c != REFERENCE_C),
+        ("mpe", "--mpe", "--monte-carlo 1000", config.monte_carlo > 0),
+        ("seed", "--seed", "--monte-carlo 1000", config.monte_carlo > 0),
+        ("monte_carlo", "--monte-carlo", "--mpe '0.7+L/400'", config.mpe != ""),
+        ("centre", "--centre", "--lock rz", config.lock != ""),
+        ("lock_frame", "--lock-frame", "--lock rz", config.lock != ""),
+    ):
+        if name in given and not present:
+            raise UsageError(f"{option} does nothing alone", expected=f"{partner} beside it")
+    if config.scale == "free" and config.expansion_per_k != 0.0:
+        raise UsageError("--scale free and --expansion", expected="one scale: fixed or free")
+    if config.monte_carlo and config.criterion != "least-squares":
+        raise UsageError(
+            f"--monte-carlo and {config.criterion}",
+            expected="least squares: leave --tolerance, --criterion out",
+        )
+    if config.mpe:
+        try:
+            parse_mpe(config.mpe)
+        except UnitsError as error:
+            raise UsageError(f"--mpe: {error.what}", expected=error.expected) from None
+
+
 def _weights(config: AlignConfig, weights: str | None) -> tuple[AlignConfig, Path | None]:
     """Return how points are weighted, and the table of weights if that is a file."""
     if weights is None:
         return config, None
     if weights in {"equal", "sigma", "area", "stated"}:
         return replace(config, weights=weights), None
+    if not Path(weights).is_file():
+        raise UsageError(
+            f"--weights {weights}: neither a table nor a way to weigh",
+            expected="equal, sigma, area, stated, or a file with the columns id, weight",
+        )
     return replace(config, weights="stated"), Path(weights)
 
 
@@ -233,6 +293,11 @@ def _tolerance(config: AlignConfig, tolerance: str | None) -> tuple[AlignConfig,
             f"--tolerance {tolerance!r} is neither a length nor a file",
             expected="5um, -2um,8um, or a table with the columns id, lower_um, upper_um",
         ) from None
+    if len(words) == 2 and not any(character.isalpha() for character in tolerance):
+        raise UsageError(
+            f"--tolerance {tolerance!r}: a decimal comma, or two limits?",
+            expected=f"{tolerance.replace(',', '.')}mm, or two limits with units: -2um,8um",
+        )
     low, high = (-abs(lengths[0]), abs(lengths[0])) if len(lengths) == 1 else (lengths[0], lengths[-1])
     if len(lengths) > 2 or low >= high:
         raise UsageError(f"--tolerance {tolerance!r}", expected="a length, or LOW,HIGH with LOW below HIGH")

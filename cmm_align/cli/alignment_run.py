@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from cmm_align.stages.alignment_report import Regions
     from cmm_align.surfaces.protocol import Array
 
-NO_BALL_MM: Final = 1e-3
-"""Tip radius where contact points are laid on a raw nominal: no ball is needed, and none so small matters."""
 EXIT_OF_VERDICT: Final = {"pass": 0, "none": 0, "fail": 5, "undecided": 6}
 
 
@@ -92,6 +90,12 @@ def make_alignment(
         record.check_outputs(job, outputs, [nominal])
     given = measured.read_measured(job, sources, port, output)
     points = given.points
+    if given.renumbered and (tables.weights is not None or tables.limits is not None):
+        raise UsageError(
+            "a table keyed by id, for files that share ids",
+            expected="files whose ids differ",
+            remedy="number the points through, or put the files into one",
+        )
     read = [path for path in (tables.weights, tables.limits, tables.fiducials) if path is not None]
     inputs = [*given.paths, nominal, *read]
     if isinstance(source, Nominal) and output.exists():
@@ -137,7 +141,11 @@ def make_alignment(
         details=summary.details_of_alignment(alignment),
         verdict="" if verdict == "none" else verdict.upper(),
         reasons=reasons,
-        warnings=[*given.warnings, *cautions.of_alignment(alignment)],
+        warnings=[
+            *given.warnings,
+            *cautions.of_alignment(alignment),
+            *cautions.of_tolerance(alignment, config),
+        ],
         next_command=typed("cmm-align", "error-map", output),
         exit_code=EXIT_OF_VERDICT[verdict],
     )
@@ -226,6 +234,7 @@ def _check_tip(profile_mm: float, source: object, ball: Ball) -> None:
 
 def _offset(job: Job, source: object, ball: Ball) -> Nominal:
     """Return a raw nominal with its ball."""
+    from cmm_align.stages.fit_checks import NO_BALL_MM
     from cmm_align.stages.offset import offset
 
     config = job.config.offset if ball.side is None else replace(job.config.offset, side=ball.side)

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from cmm_align.config import ErrorMapConfig
-from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, NominalQuality
+from cmm_align.config import AlignConfig, ErrorMapConfig
+from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, NominalQuality, PointStatus
 from cmm_align.units import UM_PER_MM
 
 TIGHT_FIT: Final = 0.5
@@ -16,6 +16,8 @@ TWO_PATHS_NM: Final = 10.0
 """Warn where the two independent ways to a deviation differ by more."""
 LOCKED_UNCERTAINTY_UM: Final = 100.0
 """Warn of a motion that is known no better than this."""
+ALIKE: Final = 0.95
+"""Correlation above which two unknowns can hardly be told apart."""
 FULL_COVERAGE: Final = 0.95
 """Warn of a map that knows less than this share of the nominal."""
 WIDE_TOLERANCE: Final = 20.0
@@ -62,6 +64,13 @@ def of_alignment(alignment: Alignment) -> list[str]:
     report = alignment.report
     texts = list(report.warnings)
     texts += [f"{motion}; held at the start value" for motion in report.unobservable]
+    if report.free_scale is not None:
+        alike = [name for name, rho in report.free_scale.correlation.items() if abs(rho) > ALIKE]
+        if alike:
+            texts.append(
+                f"the free scale can hardly be told from {', '.join(alike)}: form error can feign it; "
+                "prefer --temperature and --expansion"
+            )
     if report.two_path_difference_nm > TWO_PATHS_NM:
         texts.append(
             f"two ways to the same deviation differ by {report.two_path_difference_nm:.0f} nm: "
@@ -76,16 +85,40 @@ def of_alignment(alignment: Alignment) -> list[str]:
     return texts
 
 
+def of_tolerance(alignment: Alignment, config: AlignConfig) -> list[str]:
+    """Return what to know about a tolerance that is far from what was measured."""
+    if alignment.report.criterion != "within-tolerance":
+        return []
+    e = alignment.deviation_mm[alignment.judged]
+    largest_um = float(np.abs(e).max()) * UM_PER_MM
+    wide_um = max(config.tolerance_upper_um, -config.tolerance_lower_um)
+    if wide_um <= WIDE_TOLERANCE * largest_um:
+        return []
+    return [
+        f"the tolerance, {wide_um:g} um, is more than {WIDE_TOLERANCE:g} times the largest deviation, "
+        f"{largest_um:.4g} um (a bare number is mm: --tolerance {wide_um / UM_PER_MM:g}um?)"
+    ]
+
+
 def of_map(deviation_map: DeviationMap) -> list[str]:
     """Return what to know about a map."""
+    alignment = deviation_map.alignment
+    texts = []
+    if alignment.report.n_outliers:
+        e = alignment.deviation_mm[alignment.status == PointStatus.OUTLIER] * UM_PER_MM
+        worst = float(e[np.argmax(np.abs(e))])
+        texts.append(
+            f"{len(e)} points were left out as outliers, up to {worst:+.4g} um: they are not in the map nor "
+            "in the verdict; if it is dirt, clean and measure again"
+        )
     coverage = deviation_map.coverage
     if np.isfinite(coverage) and coverage < FULL_COVERAGE:
-        whole = deviation_map.alignment.report.report_region or "nominal"
-        return [
+        whole = alignment.report.report_region or "nominal"
+        texts.append(
             f"the map knows {100.0 * coverage:.0f} % of the {whole} only: its numbers and verdict say "
             "nothing about the rest"
-        ]
-    return []
+        )
+    return texts
 
 
 def of_tolerances(deviation_map: DeviationMap, config: ErrorMapConfig) -> list[str]:

@@ -99,6 +99,7 @@ def make_map(
             draw_map(deviation_map, path, title=beside(aligned, "").name, source=aligned.name)
     verdict, reasons = summary.verdict_of(deviation_map)
     within = verdict == "PASS"
+    command, advice = ("", "") if within else _compensation(deviation_map, output)
     return Outcome(
         command=job.command,
         noun=deviation_map,
@@ -114,8 +115,8 @@ def make_map(
         verdict=verdict,
         reasons=reasons,
         warnings=[*cautions.of_tolerances(deviation_map, config), *cautions.of_map(deviation_map)],
-        advice="nothing: within tolerance" if within else "",
-        next_command="" if within else _compensation(deviation_map, output),
+        advice="nothing: within tolerance" if within else advice,
+        next_command="" if within else command,
         exit_code=EXIT_OF_VERDICT[deviation_map.verdict],
     )
 
@@ -127,8 +128,8 @@ def tolerances(config: ErrorMapConfig) -> str:
     return given or "none given, so no verdict (--tolerance-pv, --tolerance-rms)"
 
 
-def _compensation(deviation_map: DeviationMap, output: Path) -> str:
-    """Return the command that takes the map, with the pass before if a correction of it lies here."""
+def _compensation(deviation_map: DeviationMap, output: Path) -> tuple[str, str]:
+    """Return the command that takes the map, and what to add where a correction of this nominal lies here."""
     from cmm_align.io.earlier_passes import earlier_passes
     from cmm_align.stages.compensate import map_digest
 
@@ -138,5 +139,8 @@ def _compensation(deviation_map: DeviationMap, output: Path) -> str:
         map_digest(deviation_map),
         [beside(output, ".comp.h5")],
     )
-    command = ("cmm-align", "compensate", output)
-    return typed(*command, "--previous", found[0].path) if found else typed(*command)
+    command = typed("cmm-align", "compensate", output)
+    if not found:
+        return command, ""
+    earlier = typed("--previous", found[0].path)
+    return command, f"if this part was ground with {found[0].path}, add {earlier}; if not, --first-pass"

@@ -55,6 +55,8 @@ class Measured:
     paths: tuple[Path, ...]
     tip_radius_mm: float = 0.0
     warnings: tuple[str, ...] = ()
+    renumbered: bool = False
+    """Whether files shared ids, so that all points were numbered anew."""
 
 
 def port_of(sources: Sources) -> str | None:
@@ -67,6 +69,9 @@ def port_of(sources: Sources) -> str | None:
     """
     from cmm_align import device
 
+    twice = {name for name in sources.names if sources.names.count(name) > 1}
+    if twice:
+        raise UsageError(f"{min(twice)} is given twice", expected="each file once")
     ports = []
     for name in sources.names:
         if device.is_port(name):
@@ -113,12 +118,20 @@ def read_measured(job: Job, sources: Sources, port: str | None, output: Path) ->
     DeviceError
         If the port cannot be opened, nothing comes, or the capture is not complete.
     """
+    import numpy as np
+
     from cmm_align import files
 
     if port is not None:
         return _captured(job, sources, port, output)
     sets = [files.read_measured(name, job.units) for name in sources.names]
-    return Measured(_together(sets, contact=sources.contact), tuple(Path(name) for name in sources.names))
+    points = _together(sets, contact=sources.contact)
+    ids = np.concatenate([one.ids for one in sets])
+    anew = not np.array_equal(points.ids, ids)
+    told = ("the files share ids: all points were numbered anew, from 0, in the order of the files",)
+    own = any(not np.array_equal(one.ids, np.arange(len(one))) for one in sets)
+    paths = tuple(Path(name) for name in sources.names)
+    return Measured(points, paths, warnings=told if anew and own else (), renumbered=anew)
 
 
 def _captured(job: Job, sources: Sources, port: str, output: Path) -> Measured:

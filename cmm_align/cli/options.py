@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,30 @@ def output_option(default: str) -> Callable[[Callable[..., Any]], Callable[..., 
 TIP_RADIUS_HELP = "Effective radius of the tip, not its diameter."
 
 
-def command(name: str, text: str, *, writes: bool = True) -> Callable[[Callable[..., Any]], click.Command]:
+class Grouped(click.Command):
+    """A command whose options stand under headings: what is used every day first."""
+
+    def __init__(self, *args: Any, headings: Mapping[str, Sequence[str]], **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.headings = headings
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options under their headings; what none names comes last."""
+        records = {
+            param.opts[-1]: record
+            for param in self.get_params(ctx)
+            if isinstance(param, click.Option) and (record := param.get_help_record(ctx)) is not None
+        }
+        named = {name for names in self.headings.values() for name in names}
+        rest = [name for name in records if name not in named]
+        for heading, names in (*self.headings.items(), ("Options", rest)):
+            with formatter.section(heading):
+                formatter.write_dl([records[name] for name in names])
+
+
+def command(
+    name: str, text: str, *, writes: bool = True, headings: Mapping[str, Sequence[str]] | None = None
+) -> Callable[[Callable[..., Any]], click.Command]:
     """Return a decorator that makes a command: common options, help text, the chain at its end.
 
     Parameters
@@ -66,6 +89,8 @@ def command(name: str, text: str, *, writes: bool = True) -> Callable[[Callable[
         Help text.
     writes : bool
         Whether it writes files, and so has ``--overwrite``.
+    headings : mapping, optional
+        Headings of the help, each with its options; the others come last.
     """
 
     def decorate(callback: Callable[..., Any]) -> click.Command:
@@ -87,7 +112,11 @@ def command(name: str, text: str, *, writes: bool = True) -> Callable[[Callable[
             )
             return callback(job, **values)
 
-        made = click.command(name, help=text, epilog=CHAIN)(with_job)
+        made: click.Command
+        if headings is None:
+            made = click.command(name, help=text, epilog=CHAIN)(with_job)
+        else:
+            made = click.command(name, cls=Grouped, headings=headings, help=text, epilog=CHAIN)(with_job)
         made.params += [  # after the command's own, in the help too
             option for option in _common_options() if writes or option.name != "overwrite"
         ]

@@ -41,6 +41,9 @@ def check_outputs(
             expected=f"a name that ends in {' or '.join(HDF5_SUFFIXES)}",
             remedy=f"give -o {outputs[0].with_suffix('.h5').name}",
         )
+    places = [path.resolve() for path in outputs]
+    if len(set(places)) < len(places):
+        raise UsageError("two outputs with one name", where=str(outputs[0]), expected="a name for each")
     for path in outputs:
         check_writable(path, job.overwrite, inputs)
 

@@ -267,6 +267,10 @@ def side_word(nominal: Nominal) -> str:
 
 def probe_row(nominal: Nominal) -> tuple[str, str]:
     """Return the row that every report of a later stage begins with: which ball, on which side."""
+    from cmm_align.stages.fit_checks import NO_BALL_MM
+
+    if nominal.tip_radius_mm <= NO_BALL_MM:
+        return "probe", f"none: contact points, on the {side_word(nominal)} side of the nominal"
     return (
         "probe",
         f"tip radius {nominal.tip_radius_mm:g} mm, on the {side_word(nominal)} side of the nominal",

@@ -40,6 +40,7 @@ Mask = NDArray[np.bool_]
 _MAX_HALVINGS: Final = 8
 _LINEAR: Final = 1e-15
 """A step whose square over the size is this share of the size changes distances linearly, in rounding."""
+_ULPS: Final = 4.0 * float(np.finfo(np.float64).eps)
 _RECOUNT: Final = (1e-6, 1e-3)
 """Which points count is decided anew only after steps of this share of the size: after larger ones a
 cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays."""
@@ -140,7 +141,6 @@ def fit(
     Safeguards: steps in the observable motions only; rotation clamped, translation re-solved; a step that
     raises the cost is halved.
     """
-    floor = (_ROUNDING * settings.size_mm) ** 2
     placement, length = held(steering.lock, start), settings.length_mm
     now = evaluate(measure, points_mm, placement, length, previous=previous, used=used, steering=steering)
     if used is None:
@@ -157,22 +157,19 @@ def fit(
         step = _clamped(spectral, now, settings, bend, locked=steering.lock is not None)
         movement = _movement(step, settings)
         tolerance = settings.tolerance * settings.size_mm
-        if movement <= tolerance:
-            reason, converged = "step below tolerance", True
-            break
-        if now.cost_mm2 <= floor:
-            reason, converged = "residual at rounding", True
-            break
-        if iterations >= settings.max_iterations:
-            break
         # After a sample, what is far below the uncertainty of the pose is no error either.
         slack = 0.0 if curvature is None else _OF_SIGMA * _sigma_mm(now, spectral)
         linear = movement**2 / settings.size_mm <= max(_LINEAR * settings.size_mm, slack)
-        if iterations > 0 and linear and movement**2 / last_movement <= max(tolerance, slack):
-            placement, now = _last_step(points_mm, placement, step, now, length, steering)
-            iterations += 1
-            looks.append(_look(movement, now))
-            reason, converged = "next step below tolerance", True
+        ends = linear and movement**2 / last_movement <= max(tolerance, slack)
+        rest, may_step = _at_rest(movement, now, settings), 0 < iterations < settings.max_iterations
+        if rest or (ends and may_step):
+            if may_step and (not rest or _is_all_that_is_left(movement, now, settings)):
+                placement, now = _last_step(points_mm, placement, step, now, length, steering)
+                iterations += 1
+                looks.append(_look(movement, now))
+            reason, converged = rest or "next step below tolerance", True
+            break
+        if iterations >= settings.max_iterations:
             break
         trial, there = _downhill(measure, points_mm, placement, step, now, settings, steering)
         if there is None:
@@ -182,23 +179,33 @@ def fit(
             break
         if used is None and _RECOUNT[0] < movement / settings.size_mm < _RECOUNT[1]:
             there, before = _chosen_anew(points_mm, trial, there, select(there), before, settings, steering)
-        placement, now = trial, there
-        last_movement = movement
+        placement, now, last_movement = trial, there, movement
         iterations += 1
         looks.append(_look(movement, now))
         spectral = _spectrum(placement, now, settings, steering)
     if iterations == 0:  # the first look is rough where it starts from nothing
-        now = evaluate(
-            measure, points_mm, placement, length, previous=now.feet, used=now.used, steering=steering
-        )
+        feet, used = now.feet, now.used
+        now = evaluate(measure, points_mm, placement, length, previous=feet, used=used, steering=steering)
     return FitResult(placement, now, spectral, iterations, reason, converged, tuple(looks), bend)
 
 
 def joined(first: FitResult, second: FitResult) -> FitResult:
     """Return the second fit with the record of the first before it: what went on where it had ended."""
-    return second._replace(
-        iterations=first.iterations + second.iterations, looks=first.looks + second.looks[1:]
-    )
+    looks = first.looks + second.looks[1:]
+    return second._replace(iterations=first.iterations + second.iterations, looks=looks)
+
+
+def _at_rest(movement: float, now: Evaluation, settings: FitSettings) -> str:
+    """Say why no further step needs measuring; nothing if one does."""
+    if movement <= settings.tolerance * settings.size_mm:
+        return "step below tolerance"
+    return "residual at rounding" if now.cost_mm2 <= (_ROUNDING * settings.size_mm) ** 2 else ""
+
+
+def _is_all_that_is_left(movement: float, now: Evaluation, settings: FitSettings) -> bool:
+    """Return whether the residual is no more than a short step explains: noise-free points, nearly home."""
+    size, rms = settings.size_mm, float(np.sqrt(now.cost_mm2))
+    return _ULPS * size < rms <= movement <= float(np.sqrt(_LINEAR)) * size
 
 
 def _look(movement: float, now: Evaluation) -> Look:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from cmm_align.model import Alignment, FitReport, MonteCarlo, PointStatus, PoseKnowledge, Verdict
@@ -29,7 +29,7 @@ def of_alignment(alignment: Alignment) -> Rows:
         ("RMS", in_um(math.sqrt(float((e**2).mean())))),
         ("PV", f"{in_um(high - low)}  ({extreme(low)} to {extreme(high)})"),
         ("part_from_machine", _pose(alignment.part_from_machine)),
-        ("uncertainty (k=1)", _pose_sigma(r.pose_sigma)),
+        _known(r),
     ]
     if r.unobservable:
         rows.append(("not observable", ", ".join(r.unobservable) + "; held at the start value"))
@@ -41,6 +41,18 @@ def of_alignment(alignment: Alignment) -> Rows:
     if r.bidirectional is not None:
         rows.append(("the other way", r.bidirectional.words))
     return rows
+
+
+def _known(report: FitReport) -> tuple[str, str]:
+    """Say how well the pose is known: where it matters, at the edge of the part."""
+    k = report.knowledge
+    if k is None or not math.isfinite(k.edge_sigma_um):
+        return "uncertainty (k=1)", _pose_sigma(report.pose_sigma, report.locked)
+    how = "k=1" if report.criterion == "least-squares" else "k=1, as of least squares"
+    return (
+        "pose known to",
+        f"{two_digits(k.edge_sigma_um)} um along the normal at the edge of the part ({how})",
+    )
 
 
 def _weakly(knowledge: PoseKnowledge) -> Rows:
@@ -114,6 +126,10 @@ def verdict_of_alignment(alignment: Alignment) -> tuple[Verdict, tuple[str, ...]
             if margin >= 0.0
             else f"no position is within tolerance: {calm(-margin)} um are missing, points {ids} prove it"
         )
+        left = r.n_outliers + r.n_apart
+        if margin >= 0.0 and left:
+            outcomes[-1] = Verdict.UNDECIDED
+            reasons[-1] += f"; but {left} points, outliers or outside the fit region, were not asked"
     if r.removed is not None and r.removed.verdict != Verdict.NONE:
         outcomes.append(Verdict(r.removed.verdict))
         lines = removed_words(r.removed)
@@ -131,7 +147,7 @@ def _points(alignment: Alignment) -> str:
     for count, what in (
         (r.n_edge, "on the edge"),
         (r.n_not_reached, "not reached"),
-        (r.n_apart, "outside the fit region"),
+        (r.n_apart, "outside the fit region" if r.fit_region else "on the brink"),
     ):
         counts += [(count, what)] if count else []
     left = ", ".join(f"{count} {what}" for count, what in counts)
@@ -158,6 +174,7 @@ def details_of_alignment(alignment: Alignment) -> Rows:
     r = alignment.report
     turn = alignment.part_from_machine.rotation_vector_rad()
     rows = [
+        ("uncertainty (k=1)", _pose_sigma(r.pose_sigma, r.locked)),
         ("rotation vector", f"({triple(turn * DEG_PER_RAD, 6)}) deg"),
         ("stopped", f"after {r.iterations} iterations: {r.stop_reason}"),
         ("distance", r.distance),
@@ -200,13 +217,13 @@ def _pose(pose: Pose) -> str:
     return f"shift ({triple(pose.translation_mm, 4)}) mm, turned by {angle:.4f} deg"
 
 
-def _pose_sigma(sigma: Mapping[str, float]) -> str:
+def _pose_sigma(sigma: Mapping[str, float], locked: Sequence[str] = ()) -> str:
     """Return the uncertainties of the motions, each in the unit that suits its size."""
     words = []
     for key, value in sigma.items():
         name, _, unit = key.rpartition("_")
-        if not math.isfinite(value):
-            words.append(f"{name} unknown")
+        if name in locked or not math.isfinite(value):
+            words.append(f"{name} {'locked' if name in locked else 'unknown'}")
             continue
         larger = {"um": "mm", "urad": "mrad"}.get(unit)
         if larger is not None and value >= UM_PER_MM:

@@ -18,6 +18,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmm_align.config import AlignConfig
 from cmm_align.errors import NumericsError, UsageError
@@ -40,13 +41,25 @@ from cmm_align.pose import Pose
 from cmm_align.stages.alignment_report import Regions, checked, reported
 from cmm_align.stages.best_fit import Cloud, Fitted, Way, best_fit, scaled, with_criterion
 from cmm_align.stages.constraints import (
+    check_choices,
+    limits_of_points,
     lock_of,
     locked_motions,
     start_of,
     stated_weights,
     thermal_scale,
 )
-from cmm_align.stages.fit_checks import check_enough, check_fit, consulted, explained
+from cmm_align.stages.fit_checks import (
+    NO_BALL_MM,
+    check_belonging,
+    check_contact,
+    check_enough,
+    check_fiducials,
+    check_fit,
+    check_spread,
+    consulted,
+    explained,
+)
 from cmm_align.stages.plausibility import check_measured
 from cmm_align.stages.reference_methods import METHODS as REFERENCE_METHODS
 from cmm_align.stages.reference_methods import reference_pose
@@ -137,9 +150,12 @@ def align(
             raise UsageError(f"{name} {getattr(config, name)!r}", expected=", ".join(known))
     check_measured(measured, nominal)
     if config.method != "foot-point":
+        if fiducials is not None:
+            raise UsageError(f"method {config.method} with fiducials", expected="the points alone")
         return _by_reference(measured, nominal, config, start, regions)
+    check_choices(config, fiducials)
     regions = regions or _regions(config, nominal)
-    limits = _limits(len(measured), config, tolerance)
+    limits = limits_of_points(len(measured), config, tolerance)
     tell = progress or (lambda _what, _share: None)
     if start is None and fiducials is not None and config.search != "always":
         start = start_of(fiducials)
@@ -165,16 +181,7 @@ def align(
         cloud, few, Way(way_start, way), rule, config, nominal=nominal, fiducials=fiducials, tell=tell
     )
     if config.max_iterations > 0:
-        if regions.fit is not None:  # before anything is made of so few
-            _check_enough(fitted, config, measured)
-        near = _pose(fitted.near.placement, cloud, nominal)
-        steering = None if regions.fit is None else fitted.result.evaluation.used
-        notes += consulted(measured, nominal, fitted.near, near, frame, config, steering=steering)
-        try:
-            check_fit(fitted.result, cloud.settings.size_mm)
-        except NumericsError as failure:
-            raise explained(failure, measured, nominal, start) from None
-        _check_enough(fitted, config, measured)
+        notes += _examined(measured, nominal, fitted, few, config, regions, start)
         if config.scale == "free":
             tell("scale", 0.6)
             fitted = scaled(fitted)
@@ -183,15 +190,54 @@ def align(
             fitted = with_criterion(fitted, config.criterion, limits)
     tell("second path", 0.8)
     bare = _laid(measured, nominal, fitted, regions.report)
+    if config.max_iterations > 0:
+        check_belonging(bare.status, measured.source)
+        if fiducials is not None:
+            at_size = cloud.centroid + cloud.scale * (fiducials.measured_mm - cloud.touched_mm)
+            notes += check_fiducials(
+                bare.part_from_machine.apply(at_size), fiducials, trusted=config.trust_me
+            )
     found = reported(bare, measured, fitted, config, regions, frame, notes)
     return checked(found, fitted, config, tell)
 
 
-def _check_enough(fitted: Fitted, config: AlignConfig, measured: PointSet) -> None:
-    """Refuse fewer points than motions."""
+def _examined(
+    measured: PointSet,
+    nominal: Nominal,
+    fitted: Fitted,
+    few: NDArray[np.intp],
+    config: AlignConfig,
+    regions: Regions,
+    start: Pose | None,
+) -> tuple[str, ...]:
+    """Refuse a fit that is none, or that a mistake explains; return what is to be told."""
+    cloud = fitted.cloud
+    notes: tuple[str, ...] = ()
+    if regions.fit is not None:  # before anything is made of so few
+        _check_enough(fitted, config, measured, nominal)
+    if cloud.radius_mm > 0.0 or nominal.tip_radius_mm > NO_BALL_MM:
+        near = _pose(fitted.near.placement, cloud, nominal)
+        steering = None if regions.fit is None else fitted.result.evaluation.used
+        frame = start or Pose.identity("part", "machine")
+        notes = consulted(measured, nominal, fitted.near, near, frame, config, steering=steering)
+    elif not config.trust_me:
+        check_contact(cloud.measure, cloud.points_mm[few], fitted.near, cloud.settings, where=measured.source)
+    try:
+        check_fit(fitted.result, cloud.settings.size_mm)
+    except NumericsError as failure:
+        raise explained(failure, measured, nominal, start) from None
+    _check_enough(fitted, config, measured, nominal)
+    return notes
+
+
+def _check_enough(fitted: Fitted, config: AlignConfig, measured: PointSet, nominal: Nominal) -> None:
+    """Refuse points that are too few for the motions and a deviation to judge by, or badly spread."""
     locked = locked_motions(config)
-    n_used = int(np.count_nonzero(fitted.result.evaluation.used))
-    check_enough(n_used, 6 - len(locked), locked, measured.source)
+    used, steering = fitted.result.evaluation.used, fitted.cloud.steering
+    weighing = used if steering.weights is None else used & (steering.weights > 0.0)
+    spare = 0 if steering.datum is not None else 1
+    check_enough(int(np.count_nonzero(weighing)), 6 - len(locked) + spare, locked, measured.source)
+    check_spread(fitted.result, nominal, fitted.cloud.settings, measured.source)
 
 
 def _by_reference(
@@ -199,7 +245,7 @@ def _by_reference(
 ) -> Alignment:
     """Take the pose from a method of the literature, and measure the deviations there as always."""
     plain = AlignConfig()
-    for name in ("criterion", "weights", "lock", "scale"):
+    for name in ("criterion", "weights", "lock", "scale", "fit_region", "expansion_per_k"):
         if getattr(config, name) != getattr(plain, name):
             raise UsageError(
                 f"method {config.method} with {name} {getattr(config, name)!r}",
@@ -227,33 +273,22 @@ def _regions(config: AlignConfig, nominal: Nominal) -> Regions:
     return Regions(*(region_from_text(text, nominal.surface, name) if text else None for name, text in texts))
 
 
-def _limits(n: int, config: AlignConfig, tolerance: tuple[Array, Array] | None) -> tuple[Array, Array]:
-    """Return the limits of every point, from a table or the same for all."""
-    if tolerance is not None or config.criterion != "within-tolerance":
-        return tolerance or (np.empty(0), np.empty(0))
-    lower, upper = config.tolerance_lower_um / UM_PER_MM, config.tolerance_upper_um / UM_PER_MM
-    if lower >= upper:
-        raise UsageError(
-            f"a tolerance from {config.tolerance_lower_um:g} to {config.tolerance_upper_um:g} um",
-            expected="--tolerance with a length, two lengths, or a file of limits",
-        )
-    return np.full(n, lower), np.full(n, upper)
-
-
 def _cloud(measured: PointSet, nominal: Nominal, config: AlignConfig, start: Pose) -> Cloud:
     """Return the points about their centroid with the surface they are measured against."""
     scale = thermal_scale(config)
     centroid = measured.points_mm.mean(axis=0)
     centred = measured.points_mm - centroid
-    if scale != 1.0:
-        centred = centred * scale
+    at_size = centroid
+    if scale != 1.0:  # a part grows about its datum, not about the middle of what was touched of it
+        datum = start.inverse().translation_mm
+        centred, at_size = centred * scale, datum + scale * (centroid - datum)
     radius = 0.0 if measured.kind is PointKind.CONTACT else nominal.tip_radius_mm
     length = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
     surface_from_machine = nominal.surface_from_part @ start
-    placed = Placement(surface_from_machine.rotation, surface_from_machine.apply(centroid[None])[0])
+    placed = Placement(surface_from_machine.rotation, surface_from_machine.apply(at_size[None])[0])
     return Cloud(
         centred,
-        centroid,
+        at_size,
         scale,
         radius,
         _measure(nominal, radius, config),
@@ -262,6 +297,7 @@ def _cloud(measured: PointSet, nominal: Nominal, config: AlignConfig, start: Pos
             weights=stated_weights(measured, config),
             lock=lock_of(config, nominal, start, placed, scale, centroid),
         ),
+        touched_mm=centroid,
     )
 
 

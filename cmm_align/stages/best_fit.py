@@ -17,7 +17,7 @@ from cmm_align.numerics.free_scale import scale_look
 from cmm_align.numerics.linearisation import Evaluation, Measure, evaluate
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule
 from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, joined
-from cmm_align.numerics.steering import AXES, Placement, Steering, allowed_motions
+from cmm_align.numerics.steering import AXES, Placement, Steering
 from cmm_align.stages.constraints import datum_terms
 from cmm_align.stages.selection import Selection
 from cmm_align.stages.way import held_at_the_start
@@ -49,6 +49,8 @@ class Cloud(NamedTuple):
     measure: Measure
     settings: FitSettings
     steering: Steering
+    touched_mm: Array
+    """Centroid as measured, before the fixed scale."""
 
 
 class Way(NamedTuple):
@@ -113,15 +115,14 @@ def best_fit(
     near, selection = _refined(cloud.measure, sample, way.result, settings, steering, selection, config)
     if fiducials is not None:
         sigma = max(float(np.sqrt(near.evaluation.cost_mm2)), ROUNDING * settings.size_mm)
-        datum = datum_terms(fiducials, nominal, cloud.centroid, cloud.scale, sigma)
-        share = len(few) / len(
-            cloud.points_mm
-        )  # the sample stands for all points, the fiducials for themselves
+        datum = datum_terms(fiducials, nominal, cloud.touched_mm, cloud.scale, sigma)
+        share = len(few) / len(cloud.points_mm)  # a sample stands for all points, fiducials for themselves
         steering = steering._replace(datum=datum._replace(weights=datum.weights * share))
         cloud = cloud._replace(steering=cloud.steering._replace(datum=datum))
-        near = joined(
-            near, fit(cloud.measure, sample, near.placement, settings, select=selection, steering=steering)
+        judged, selection = _refined(
+            cloud.measure, sample, near, settings, steering, replace(selection, rule=None), config
         )
+        near = joined(near, judged)
     placement = near.placement
     if near.spectral.free.any():
         placement = held_at_the_start(cloud.measure, sample, way.start, near, settings, steering)
@@ -225,8 +226,8 @@ def with_criterion(fitted: Fitted, criterion: str, limits_mm: tuple[Array, Array
     cloud, result = fitted.cloud, fitted.result
     now, lock = result.evaluation, cloud.steering.lock
     motions = None
-    if lock is not None:
-        motions = allowed_motions(lock, result.placement, cloud.settings.length_mm)
+    if lock is not None or result.spectral.free.any():  # what is held stays held
+        motions = result.spectral.motions[:, ~result.spectral.free]
     solve: Callable[..., zone.ZoneResult]
     if criterion == "within-tolerance":
         solve = partial(zone.within_tolerance, lower_mm=limits_mm[0], upper_mm=limits_mm[1])

@@ -13,14 +13,74 @@ from cmm_align.numerics.rotations import orthonormalised
 from cmm_align.numerics.steering import AXES, DatumTerms, Lock, Placement
 from cmm_align.pose import Pose
 from cmm_align.surfaces.protocol import Array
-from cmm_align.units import parse_length_mm
+from cmm_align.units import REFERENCE_C, UM_PER_MM, parse_length_mm
 
-REFERENCE_C: Final = 20.0
-"""Temperature at which a part has its size: ISO 1."""
 MIN_FOR_START: Final = 3
 """Fiducials that say where a part lies."""
 SPREAD: Final = 1e-3
 """Fiducials whose spread across is below this share of that along lie on a line."""
+
+
+def check_choices(config: AlignConfig, fiducials: Fiducials | None) -> None:
+    """Refuse choices of which one would be passed over in silence.
+
+    Raises
+    ------
+    UsageError
+        If two of them exclude each other.
+    """
+    extra = [
+        f"{name} {getattr(config, name)}"
+        for name, plain in (("criterion", "least-squares"), ("scale", "fixed"))
+        if getattr(config, name) != plain
+    ]
+    if config.max_iterations == 0:
+        extra += ["search always"] if config.search == "always" else []
+        extra += ["monte-carlo"] if config.monte_carlo else []
+        if extra:
+            raise UsageError(
+                f"--iterations 0 with {', '.join(extra)}", expected="a pose to evaluate, no more"
+            )
+    if config.criterion != "least-squares" and (fiducials is not None or config.weights != "equal"):
+        what = "fiducials" if fiducials is not None else f"weights {config.weights}"
+        raise UsageError(
+            f"criterion {config.criterion} with {what}", expected="least-squares: others know none"
+        )
+    if config.scale == "free" and any(axis.startswith("t") for axis in locked_motions(config)):
+        raise UsageError("a free scale with locked translations", expected="one or the other")
+    if config.monte_carlo and (fiducials is not None or config.scale == "free"):
+        raise UsageError(
+            "Monte Carlo with fiducials or a free scale", expected="the points alone, scale fixed"
+        )
+
+
+def limits_of_points(
+    n: int, config: AlignConfig, tolerance: tuple[Array, Array] | None
+) -> tuple[Array, Array]:
+    """Return the limits of every point, from a table or the same for all.
+
+    Parameters
+    ----------
+    n : int
+        Points.
+    config : AlignConfig
+    tolerance : tuple of ndarray, each of shape (n,), mm, or None
+        Least and largest deviation of each point.
+
+    Raises
+    ------
+    UsageError
+        If a tolerance is asked for and none is given.
+    """
+    if tolerance is not None or config.criterion != "within-tolerance":
+        return tolerance or (np.empty(0), np.empty(0))
+    lower, upper = config.tolerance_lower_um / UM_PER_MM, config.tolerance_upper_um / UM_PER_MM
+    if lower >= upper:
+        raise UsageError(
+            f"a tolerance from {config.tolerance_lower_um:g} to {config.tolerance_upper_um:g} um",
+            expected="--tolerance with a length, two lengths, or a file of limits",
+        )
+    return np.full(n, lower), np.full(n, upper)
 
 
 def locked_motions(config: AlignConfig) -> tuple[str, ...]:

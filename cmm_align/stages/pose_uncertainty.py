@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.foot_point import Feet
-from cmm_align.numerics.linearisation import even_sample, moved, rows_of
+from cmm_align.numerics.linearisation import even_sample, moved, rows_of, total_weight
 from cmm_align.numerics.observability import Spectrum, uncertain_axes
 from cmm_align.numerics.rigid_fit import FitResult
 from cmm_align.numerics.steering import FREELY, Steering
@@ -82,7 +82,10 @@ def covariance_of(
     if variance > 0.0 and k > 0:
         blocks = _block_sums(result, centred, length, steering.weights, by_sigma=by_sigma)
         if steering.weights is not None and not by_sigma:
-            share = root.T @ blocks.squares @ root * blocks.spread
+            middle = blocks.squares * blocks.spread
+            if result.evaluation.datum_matrix is not None:  # a datum term has the variance that it weighs by
+                middle = middle + result.evaluation.datum_matrix / total_weight(used, steering.weights)
+            share = root.T @ middle @ root
         if n > 4 * BLOCKS**2:
             share, correlated = _raised(share, root, blocks, n, variance)
     scaled = root @ share @ root.T * variance

@@ -18,6 +18,7 @@ from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import Evaluation
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
 from cmm_align.surfaces.envelope import Reach, edge_band_mm, near_edge
+from cmm_align.surfaces.geometry import principal_curvatures
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.region import Region
 
@@ -33,8 +34,10 @@ class Selection:
     """
 
     nominal: Nominal
-    edge_band_mm: float
-    """Width of the band along the border, mm; 0 for none."""
+    radius_mm: float
+    """Tip radius; 0 for contact points, which have no edge band and reach everywhere."""
+    edge_proud_mm: float
+    """Height of an edge that must not be touched first; 0 for no edge band."""
     fit_region: Region | None = None
     rule: OutlierRule | None = None
 
@@ -64,13 +67,7 @@ def selection_for(
         Height of an edge that must not be touched first, mm.
     fit_region : Region or None
     """
-    band = 0.0
-    if radius_mm > 0.0 and edge_proud_mm > 0.0:
-        quality = nominal.quality
-        tight = None if quality is None else quality.min_concave_radius_mm
-        concave = np.array([0.0 if tight is None else 1.0 / tight])
-        band = float(edge_band_mm(radius_mm, concave, edge_proud_mm)[0])
-    return Selection(nominal, band, fit_region)
+    return Selection(nominal, radius_mm, edge_proud_mm, fit_region)
 
 
 def reach_of(selection: Selection, x_mm: Array, y_mm: Array) -> NDArray[np.uint8]:
@@ -82,16 +79,30 @@ def reach_of(selection: Selection, x_mm: Array, y_mm: Array) -> NDArray[np.uint8
     x_mm, y_mm : ndarray, shape (n,), mm, frame `surface`
     """
     code = np.zeros(len(x_mm), dtype=np.uint8)
-    band = selection.edge_band_mm
-    if band > 0.0 and len(x_mm):
-        code[near_edge(selection.nominal.surface, x_mm, y_mm, np.full(len(x_mm), band))] = Reach.EDGE
+    if selection.radius_mm == 0.0 or len(x_mm) == 0:
+        return code
+    code[_on_the_edge(selection, x_mm, y_mm)] = Reach.EDGE
     net = selection.nominal.equidistant
-    if net is not None and net.reach is not None and band > 0.0:
+    if net is not None and net.reach is not None:
         held = net.reach > Reach.EDGE
         if held.any():
             nodes = selection.nominal.surface_from_part.apply(net.nominal_points_mm)[:, :2]
             code = np.maximum(code, _nearest(nodes, net.reach, held, x_mm, y_mm))
     return code
+
+
+def _on_the_edge(selection: Selection, x_mm: Array, y_mm: Array) -> Mask:
+    """Return which places lie in the edge band, which is wider where the surface is hollow."""
+    nominal, radius, proud = selection.nominal, selection.radius_mm, selection.edge_proud_mm
+    tight = None if nominal.quality is None else nominal.quality.min_concave_radius_mm
+    widest = edge_band_mm(radius, np.array([0.0 if tight is None else 1.0 / tight]), proud)
+    near = near_edge(nominal.surface, x_mm, y_mm, np.broadcast_to(widest, x_mm.shape))
+    if tight is not None:
+        pick = np.flatnonzero(near)
+        x, y = x_mm[pick], y_mm[pick]
+        most = principal_curvatures(nominal.surface.jet(x, y), nominal.side).most
+        near[pick] = near_edge(nominal.surface, x, y, edge_band_mm(radius, most, proud))
+    return near
 
 
 def _nearest(

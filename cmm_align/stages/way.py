@@ -13,13 +13,14 @@ import numpy as np
 
 from cmm_align.errors import GeometryError
 from cmm_align.model import Nominal
-from cmm_align.numerics.linearisation import Measure, evaluate, even_sample
+from cmm_align.numerics.linearisation import Measure, evaluate, even_sample, moved
+from cmm_align.numerics.moments import laid_by_moments
 from cmm_align.numerics.observability import spectrum
 from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.pose_evidence import equal_factor
 from cmm_align.numerics.pose_search import search as search_poses
 from cmm_align.numerics.pose_verdicts import good_enough, is_mirrored, near_ties
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, joined, without_free_drift
+from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Look, fit, joined, without_free_drift
 from cmm_align.numerics.rotations import vector_from_rotation
 from cmm_align.numerics.steering import FREELY, Lock, Placement, Steering, allowed_motions, held
 from cmm_align.numerics.triangle_net import TriangleNet
@@ -56,6 +57,8 @@ def find_the_way(
     lock: Lock | None = None,
 ) -> tuple[Placement, FitResult, tuple[str, ...]]:
     """Bring the cloud near the nominal on a light net of facets; every point counts, wherever it lies.
+
+    The first step lays the principal axes on those of the net, where they tell.
 
     Parameters
     ----------
@@ -106,7 +109,19 @@ def find_the_way(
         tolerance=COARSE_TOLERANCE,
         min_observability=max(COARSE_OBSERVABILITY, settings.min_observability),
     )
-    way = fit(measure, few, placement, coarse, used=everywhere, steering=steering)
+    may_jump = lock is None and settings.max_iterations > 0
+    begun = placement
+    looks: tuple[Look, ...] = ()
+    if may_jump:
+        begun, looks = laid_by_moments(measure, few, net.points_mm, placement, coarse)
+    way = fit(measure, few, begun, coarse, used=everywhere, steering=steering)
+    if looks:
+        way = _after_a_jump(looks, _apart_mm(few, placement, begun), way)
+    if may_jump and _share_on(way) < NEAR:  # it has slid off: begin above the middle
+        middle = Placement(placement.rotation, net.points_mm.mean(axis=0))
+        again = fit(measure, few, middle, coarse, used=everywhere)
+        if _share_on(again) > _share_on(way):
+            way = _after_a_jump(way.looks, _apart_mm(few, way.placement, middle), again)
     for _ in range(TRIMS):  # touches of the fixture must not lead astray; who is kept, all points say later
         kept = _near_the_rest(way.evaluation.feet.distance_mm, COARSE_TOLERANCE * settings.size_mm)
         if np.array_equal(kept, way.evaluation.used):
@@ -123,6 +138,23 @@ def find_the_way(
     ):
         return placement, way, ()
     return _searched(measure, exact, few, net, settings, placement, facet_error)
+
+
+def _after_a_jump(looks: tuple[Look, ...], jump_mm: float, then: FitResult) -> FitResult:
+    """Return a fit with the record that led to its start; the jump there is a step like any other."""
+    landed = then.looks[0]._replace(movement_mm=jump_mm)
+    return then._replace(iterations=len(looks) + then.iterations, looks=(*looks, landed, *then.looks[1:]))
+
+
+def _apart_mm(points_mm: Array, one: Placement, other: Placement) -> float:
+    """Return the most that a point moves from one placement to another, mm."""
+    apart = moved(points_mm, other) - moved(points_mm, one)
+    return float(np.linalg.norm(apart, axis=1).max())
+
+
+def _share_on(way: FitResult) -> float:
+    """Return the share of the points that lie over the nominal."""
+    return float(np.mean(way.evaluation.inside))
 
 
 def _facet_error_mm(net: TriangleNet, exact: Measure) -> float:

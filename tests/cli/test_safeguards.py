@@ -46,7 +46,7 @@ def test_an_earlier_correction_beside_the_map_is_not_forgotten(
     start = ["compensate", tmp_path / "part2.map.h5"]
     refused = cli(*start)
 
-    assert mapped.out.rstrip().endswith(f"--previous {tmp_path / 'part.comp.h5'}")
+    assert f"add --previous {tmp_path / 'part.comp.h5'}" in " ".join(mapped.out.split())
     assert refused.code == 2
     assert f"give --previous {tmp_path / 'part.comp.h5'}, else --first-pass" in refused.err
     assert not (tmp_path / "part2.comp.h5").exists()
@@ -84,7 +84,7 @@ def test_a_map_of_part_of_the_nominal_is_warned_of_and_hardly_any_is_no_base(
         assert cli(*align).code == 0
         mapped = cli("error-map", tmp_path / f"{share}.align.h5", "--json").json
         assert mapped["result"]["coverage_percent"] < 95.0
-        assert any("of the nominal's area only" in text for text in mapped["warnings"])
+        assert any("of the nominal only" in text for text in mapped["warnings"])
     most = cli("compensate", tmp_path / "most.map.h5", "--json").json
     least = cli("compensate", tmp_path / "least.map.h5", "--first-pass")
 

@@ -9,9 +9,10 @@ import pytest
 from truth import measured_window
 
 from cmm_align.config import AlignConfig, ErrorMapConfig, OffsetConfig
-from cmm_align.errors import GeometryError, InputError, NumericsError, UsageError
+from cmm_align.errors import GeometryError, InputError, NumericsError, UsageError, WrongStageError
 from cmm_align.model import Fiducials, PointKind, PointSet, PointStatus, Verdict, frozen_array
 from cmm_align.pose import Pose, rotation_from_vector
+from cmm_align.report.alignment_summary import verdict_of_alignment
 from cmm_align.stages.align import align
 from cmm_align.stages.error_map import error_map
 from cmm_align.stages.offset import offset
@@ -402,3 +403,117 @@ def test_limits_of_single_points_are_kept_where_they_can_be(nominal):
     assert found.report.certificate["zone_um"] < 0.0
     assert (found.deviation_mm >= lower).all()
     assert (found.deviation_mm <= upper).all()
+
+
+# Reach
+
+
+def test_points_where_the_ball_does_not_reach_do_not_steer():
+    """A paraboloid with a vertex radius of 1 mm, and a ball of 1.5 mm: it touches two sides at once inside.
+
+    On ``z = q^2 / 2`` a ball on the axis touches where ``r = sqrt(1 + q^2)``: nothing inside is touched. What
+    claims to be there lies nearer to another part of the bowl, or is not reached.
+    """
+    bowl = prescription_from_toml(
+        SPHERE.replace("radius = 40.0", "radius = 6.0").replace("-100.0", "1.0\nconic = -1.0"), "bowl"
+    )
+    nominal = offset(bowl, 1.5, OffsetConfig(nodes=20_000))
+    rng = np.random.default_rng(2)
+    q, turn = 5.5 * np.sqrt(rng.random(3000)), rng.uniform(0, 2 * np.pi, 3000)
+    x, y = q * np.cos(turn), q * np.sin(turn)
+    jet = bowl.jet(x, y)
+    wrong = np.where(q < np.sqrt(1.5**2 - 1.0), 0.02, 0.0)  # what is said there is anything but the ground
+    form = 1e-3 * np.sin(3 * x) * np.sin(2 * y)
+    points = np.stack([x, y, jet.z], axis=1) + (1.5 + wrong + form)[:, None] * unit_normal(jet, 1)
+    found = align(
+        PointSet.of(points, kind=PointKind.TIP_CENTRE),
+        nominal,
+        AlignConfig(trust_me=True),
+        start=Pose.identity("part", "machine"),
+    )
+    reach = np.sqrt(1.5**2 - 1.0)
+    pitch = 0.1  # nodes are 0.08 mm apart
+    claimed = found.status[q < reach - pitch]
+    assert np.isin(claimed, (PointStatus.NOT_REACHED, PointStatus.OUTLIER)).all()
+    assert (claimed == PointStatus.NOT_REACHED).sum() > 20
+    assert (found.status[(q > reach + pitch) & (q < 5.4)] == PointStatus.USED).all()
+    assert found.report.n_not_reached == np.count_nonzero(found.status == PointStatus.NOT_REACHED)
+
+
+# What one choice must not do to another
+
+
+def test_a_warm_part_grows_about_its_datum(near, nominal):
+    """Half of it measured, translations locked: the pose is that of the cold part."""
+    half = near[0].tip_centre_machine_mm[near[0].foot_mm[:, 0] > 10.0]
+    cold = align(PointSet.of(half, kind=PointKind.TIP_CENTRE), nominal, AlignConfig(lock="tx,ty,tz"))
+    hot = align(
+        PointSet.of(half * (1.0 + 23e-6 * 20.0), kind=PointKind.TIP_CENTRE),
+        nominal,
+        AlignConfig(lock="tx,ty,tz", temperature_c=40.0, expansion_per_k=23e-6),
+    )
+    np.testing.assert_allclose(hot.part_from_machine.matrix(), cold.part_from_machine.matrix(), atol=1e-12)
+    np.testing.assert_allclose(hot.deviation_mm, cold.deviation_mm, atol=1e-11)
+
+
+def test_fiducials_that_turn_the_part_make_no_outliers(nominal):
+    """The rule is made anew where the fiducials have laid the part: a tilt is not dirt."""
+    x, y = scattered(3000)
+    noise = 3e-4 * np.random.default_rng(0).normal(size=len(x))
+    points = PointSet.of(tips(x, y, noise), kind=PointKind.TIP_CENTRE)
+    places = np.array([[45.0, 25.0, -20.0], [-45, 25, -20], [45, -25, -20], [-45, -25, -20]])
+    tilted = places + np.outer(np.sign(places[:, 0]) * 0.010, [0.0, 0.0, 1.0])
+    given = Fiducials(
+        ("a", "b", "c", "d"),
+        frozen_array(places),
+        frozen_array(tilted),
+        frozen_array(np.full((4, 3), 2e-6)),
+    )
+    found = align(points, nominal, AlignConfig(trust_me=True), fiducials=given)
+    assert found.report.n_outliers == 0
+    kept = align(points, nominal, AlignConfig(trust_me=True, outliers="keep"), fiducials=given)
+    np.testing.assert_allclose(found.deviation_mm, kept.deviation_mm, atol=1e-9)
+
+
+def test_a_fiducial_that_is_far_off_is_refused(near, nominal):
+    given = fiducials(0.01)
+    moved = given.nominal_mm.copy()
+    moved[2, 0] += 1.0
+    with pytest.raises(WrongStageError, match="fiducial c"):
+        align(near[1], nominal, fiducials=replace(given, nominal_mm=frozen_array(moved)))
+
+
+def test_as_many_points_as_motions_leave_nothing_to_judge_by(nominal):
+    x, y = np.array([-40.0, 40, -40, 40, 0, 10]), np.array([-20.0, -20, 20, 20, 0, 25])
+    points = PointSet.of(tips(x, y, 5e-3 * np.sin(x)), kind=PointKind.TIP_CENTRE)
+    with pytest.raises(GeometryError, match="at least 7"):
+        align(points, nominal)
+
+
+def test_a_few_points_in_one_place_are_no_measurement_of_a_freeform(nominal):
+    x, y = (a.ravel() for a in np.meshgrid([-0.2, 0.0, 0.2], [-0.2, 0.0, 0.2]))
+    points = PointSet.of(tips(x, y), kind=PointKind.TIP_CENTRE)
+    with pytest.raises((GeometryError, NumericsError)):
+        align(points, nominal, AlignConfig(trust_me=True), start=Pose.identity("part", "machine"))
+
+
+def test_dirt_is_not_asked_whether_it_passes(nominal):
+    x, y = scattered(1500)
+    dirt = 2e-4 * np.sin(x)
+    dirt[3] = 0.3
+    points = PointSet.of(NEAR.apply(tips(x, y, dirt)), kind=PointKind.TIP_CENTRE)
+    config = AlignConfig(criterion="within-tolerance", tolerance_lower_um=-20.0, tolerance_upper_um=20.0)
+    verdict, reasons = verdict_of_alignment(align(points, nominal, config))
+    assert verdict == Verdict.UNDECIDED
+    assert "1 points" in reasons[0]
+
+
+def test_two_clampings_in_one_cloud_are_refused(nominal):
+    x, y = scattered(3000)
+    cloud = NEAR.apply(tips(x, y, 1e-3 * np.sin(x)))
+    turned = Pose(rotation_from_vector(np.array([0.0, 0.0, 0.3])), np.zeros(3), "machine", "machine").apply(
+        cloud
+    )
+    both = PointSet.of(np.concatenate([cloud, turned]), kind=PointKind.TIP_CENTRE)
+    with pytest.raises((NumericsError, GeometryError)):
+        align(both, nominal)
