@@ -48,8 +48,18 @@ def read(path: Path | str, units: str | None = None, face: int | None = None) ->
     return io.read(path)
 
 
-def read_measured(path: Path | str, units: str | None = None) -> PointSet:
+def read_measured(
+    path: Path | str, units: str | None = None, hints: formats.Hints = formats.NO_HINTS
+) -> PointSet:
     """Return the points of a measurement.
+
+    Parameters
+    ----------
+    path : path
+    units : str, optional
+        Unit of length where the file states none; mm by default.
+    hints : Hints
+        Decimal sign and columns of a file that can be read in two ways; whether rows may be left out.
 
     Raises
     ------
@@ -58,7 +68,11 @@ def read_measured(path: Path | str, units: str | None = None) -> PointSet:
     InputError
         If the file is missing, malformed, or in another unit.
     """
-    points = io.read_points_hdf5(path, units) if _is_hdf5(path) else formats.read_points(path, units)
+    if _is_hdf5(path):
+        _refuse_hints(path, hints)
+        points = io.read_points_hdf5(path, units)
+    else:
+        points = formats.read_points(path, units, hints)
     if points.kind in {PointKind.NOMINAL, PointKind.COMMANDED}:
         raise WrongStageError(
             f"these are {points.kind.value} points, not measured ones",
@@ -74,6 +88,7 @@ def read_nominal_any(
     units: str | None = None,
     with_equidistant: bool = False,
     face: int | None = None,
+    hints: formats.Hints = formats.NO_HINTS,
 ) -> Nominal | formats.NominalSource:
     """Return a nominal in whatever form the file holds it.
 
@@ -86,6 +101,8 @@ def read_nominal_any(
         Whether a file of `offset` is read with its net of nodes and triangles.
     face : int, optional
         Number of the face of a STEP or IGES file, from 1; needed where it holds several.
+    hints : Hints
+        As for `read_measured`.
 
     Raises
     ------
@@ -98,9 +115,10 @@ def read_nominal_any(
     """
     source: formats.NominalSource
     if not _is_hdf5(path):
-        source = formats.read_nominal_source(path, units, face)
+        source = formats.read_nominal_source(path, units, face, hints)
     else:
         _refuse_face(path, face)
+        _refuse_hints(path, hints)
         found = io.schema_of(path)
         if found is not None:
             return io.read_nominal(path, with_equidistant)
@@ -237,6 +255,13 @@ def write_grid(
         blocks = formats.codev_int_text(z_mm, title)
     with io.atomic_path(path, overwrite) as temporary, temporary.open("wb") as stream:
         stream.writelines(blocks)
+
+
+def _refuse_hints(path: Path | str, hints: formats.Hints) -> None:
+    if hints.columns is not None or hints.decimal is not None:
+        raise UsageError(
+            f"--columns or --decimal for {path}", expected="a text: HDF5 names its datasets itself"
+        )
 
 
 def _refuse_face(path: Path | str, face: int | None) -> None:

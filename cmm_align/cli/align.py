@@ -42,6 +42,7 @@ HEADINGS = {
     "Every day": ("--output", "--overwrite", "--tolerance", "--report-region", "--initial", "--units"),
     "A nominal that offset has not seen": ("--tip-radius", "--side", "--face", "--contact-points"),
     "From the port": ("--profile", "--expect"),
+    "A file that can be read in two ways": ("--columns", "--decimal", "--strict"),
     "What steers the fit": (
         "--criterion",
         "--fit-region",
@@ -69,6 +70,11 @@ HEADINGS = {
 @click.option("--face", type=click.IntRange(min=1), metavar="N", help="Face of a raw CAD nominal.")
 @click.option("--profile", type=FILE, metavar="FILE.toml", help="The machine, if MEASURED is its port.")
 @click.option("--expect", type=click.IntRange(min=1), metavar="N", help="Points that the port will send.")
+@click.option("--decimal", type=click.Choice([".", ","]), help="Decimal sign of a text that leaves it open.")
+@click.option(
+    "--columns", metavar="NAMES", help="What the columns of a text are: id,x,y,z; - for one to skip."
+)
+@click.option("--strict", is_flag=True, help="Refuse a measurement with rows that would be left out.")
 @click.option("--contact-points", is_flag=True, help="MEASURED is compensated for the tip already.")
 @click.option(
     "--initial",
@@ -194,6 +200,9 @@ def command(
     face: int | None,
     profile: Path | None,
     expect: int | None,
+    decimal: str | None,
+    columns: str | None,
+    strict: bool,
     contact_points: bool,
     initial: str | None,
     tolerance: str | None,
@@ -226,7 +235,8 @@ def command(
     config = checked(_limits(config, limits))
     _check_together(config, given)
     tables = Tables(weights_file, limits_file, fiducials, log_iterations)
-    ball, sources = Ball(tip_radius, side, face), Sources(measured, profile, expect, contact_points)
+    ball = Ball(tip_radius, side, face)
+    sources = Sources(measured, profile, expect, contact_points, decimal, columns, strict)
     return finish(
         job,
         make_alignment(job, sources, nominal, config, ball, initial=initial, tables=tables, output=output),

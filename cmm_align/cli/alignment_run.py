@@ -136,7 +136,7 @@ def make_alignment(
         noun=alignment,
         inputs=steps[-1].inputs,
         outputs=outputs,
-        result=results.of_alignment(alignment),
+        result={**results.of_alignment(alignment), "passed_over": list(points.passed_over)},
         rows=[results.probe_row(target), *summary.of_alignment(alignment)],
         details=summary.details_of_alignment(alignment),
         verdict="" if verdict == "none" else verdict.upper(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from cmm_align.cli.job import Job, beside
 from cmm_align.errors import DeviceError, UsageError, WrongStageError
@@ -13,6 +13,10 @@ from cmm_align.errors import DeviceError, UsageError, WrongStageError
 if TYPE_CHECKING:
     from cmm_align.dialects import MachineProfile
     from cmm_align.model import PointSet
+
+
+MOST_TOLD: Final = 5
+"""Rows left out that are told one by one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +33,19 @@ class Sources:
         Points that it will send.
     contact : bool
         Whether the user says that they are contact points.
+    decimal, columns : str or None
+        Of a text that can be read in two ways.
+    strict : bool
+        Whether a row that would be left out is an error instead.
     """
 
     names: tuple[str, ...]
     profile: Path | None = None
     expect: int | None = None
     contact: bool = False
+    decimal: str | None = None
+    columns: str | None = None
+    strict: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,17 +132,30 @@ def read_measured(job: Job, sources: Sources, port: str | None, output: Path) ->
     import numpy as np
 
     from cmm_align import files
+    from cmm_align.formats import Hints
 
+    hints = Hints(sources.decimal, sources.columns, sources.strict)
     if port is not None:
         return _captured(job, sources, port, output)
-    sets = [files.read_measured(name, job.units) for name in sources.names]
+    sets = [files.read_measured(name, job.units, hints) for name in sources.names]
     points = _together(sets, contact=sources.contact)
     ids = np.concatenate([one.ids for one in sets])
     anew = not np.array_equal(points.ids, ids)
     told = ("the files share ids: all points were numbered anew, from 0, in the order of the files",)
     own = any(not np.array_equal(one.ids, np.arange(len(one))) for one in sets)
     paths = tuple(Path(name) for name in sources.names)
-    return Measured(points, paths, warnings=told if anew and own else (), renumbered=anew)
+    notes = (*(told if anew and own else ()), *_left_out(points.passed_over))
+    return Measured(points, paths, warnings=notes, renumbered=anew)
+
+
+def _left_out(passed_over: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what is told of rows that were left out: the first of them."""
+    if len(passed_over) <= MOST_TOLD:
+        return passed_over
+    return (
+        *passed_over[:MOST_TOLD],
+        f"... and {len(passed_over) - MOST_TOLD} more left out; --strict refuses",
+    )
 
 
 def _captured(job: Job, sources: Sources, port: str, output: Path) -> Measured:
@@ -140,6 +164,8 @@ def _captured(job: Job, sources: Sources, port: str, output: Path) -> Measured:
 
     machine: MachineProfile = capture.machine_of(job, port, sources.profile)
     taken = capture.read_port(job, port, machine, capture.journal_beside(output), expect=sources.expect)
+    if sources.strict:
+        capture_report.refuse_rejected(taken)
     if not taken.complete:
         raise DeviceError(
             f"the capture is not complete: {'; '.join(taken.shortfalls)}",

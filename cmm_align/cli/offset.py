@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,6 +35,8 @@ tip. With --normals, for parts without a design, it takes the ball off measured 
     "--degree", type=click.Choice(["3", "5"]), help="Degree of the spline.  [default: by its error]"
 )
 @click.option("--face", type=click.IntRange(min=1), metavar="N", help="Face of a CAD file with several.")
+@click.option("--decimal", type=click.Choice([".", ","]), help="Decimal sign of a text that leaves it open.")
+@click.option("--columns", metavar="NAMES", help="Columns of a text: id,x,y,z; - for one to skip.")
 @click.option(
     "--normals",
     type=click.Choice(["local-quadratic", "bspline", "mls"]),
@@ -57,6 +59,8 @@ def command(
     side: str | None,
     degree: str | None,
     face: int | None,
+    decimal: str | None,
+    columns: str | None,
     normals: str | None,
     plot: bool,
     with_plan: bool,
@@ -75,8 +79,28 @@ def command(
         config = replace(config, plan_spacing_mm=spacing)
     if normals is not None:
         return finish(job, make_contacts(job, nominal, tip_radius, normals, config.side, output))
-    made = make_nominal(job, nominal, tip_radius, config, output, plot=plot, with_plan=with_plan, face=face)
+    reading = Reading(face, decimal, columns)
+    made = make_nominal(
+        job, nominal, tip_radius, config, output, plot=plot, with_plan=with_plan, reading=reading
+    )
     return finish(job, made)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How to read a nominal that leaves something open.
+
+    Attributes
+    ----------
+    face : int or None
+        Of a CAD file, from 1.
+    decimal, columns : str or None
+        Of a text.
+    """
+
+    face: int | None = None
+    decimal: str | None = None
+    columns: str | None = None
 
 
 def make_nominal(
@@ -88,7 +112,7 @@ def make_nominal(
     *,
     plot: bool = False,
     with_plan: bool = False,
-    face: int | None = None,
+    reading: Reading = Reading(),
 ) -> Outcome:
     """Read a nominal, offset it and write the result.
 
@@ -106,8 +130,7 @@ def make_nominal(
         Whether to draw maps of the nominal, and the plan if there is one.
     with_plan : bool
         Whether to write a measuring plan.
-    face : int, optional
-        Face of a CAD file, from 1.
+    reading : Reading
 
     Raises
     ------
@@ -117,6 +140,7 @@ def make_nominal(
     from cmm_align import files, io
     from cmm_align.cli import cautions, opening, record, results
     from cmm_align.errors import WrongStageError
+    from cmm_align.formats import Hints
     from cmm_align.io.atomic import atomic_path
     from cmm_align.model import Nominal
     from cmm_align.report import summary
@@ -132,7 +156,8 @@ def make_nominal(
     wanted = [(plot, drawing), (with_plan, plan_text), (plot and with_plan, plan_drawing)]
     outputs = [output, *(path for asked, path in wanted if asked)]
     opening.check_kind(source, opening.NOMINAL)
-    raw = files.read_nominal_any(source, job.units, False, face)
+    hints = Hints(reading.decimal, reading.columns)
+    raw = files.read_nominal_any(source, job.units, False, reading.face, hints)
     record.check_outputs(job, outputs, [source])
     if isinstance(raw, Nominal):
         raise WrongStageError(

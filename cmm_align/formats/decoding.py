@@ -22,8 +22,10 @@ def decoded(raw: bytes, where: str) -> str:
         If it is not text.
     """
     text = _text(raw, where)
+    if "\r\n" in text:
+        text = text.replace("\r\n", "\n")
     if "\r" in text:
-        text = text.replace("\r\n", "\n").replace("\r", "\n")
+        text = text.replace("\r", "\n")
     if "\0" in text:
         before = text[: text.index("\0")]
         line, column = before.count("\n") + 1, len(before) - before.rfind("\n")

@@ -13,16 +13,12 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 
 from cmm_align.errors import MalformedInputError, UnitsError
+from cmm_align.formats.column_names import name_and_unit
 from cmm_align.formats.decoding import decoded
-from cmm_align.formats.delimited_layout import (
-    fields_of,
-    is_passed_over,
-    sample_lines,
-    separator_of,
-    separator_of_names,
-)
-from cmm_align.formats.delimited_scan import number_of, wrong_count
-from cmm_align.formats.points_header import name_and_unit
+from cmm_align.formats.delimited_layout import separator_of
+from cmm_align.formats.delimited_lines import fields_of, is_passed_over, sample_lines, wrong_count
+from cmm_align.formats.delimited_preamble import is_number_like
+from cmm_align.formats.number_signs import Field, Signs, number_of, signs_of
 from cmm_align.formats.source import load
 from cmm_align.model import IntArray, frozen_array
 from cmm_align.surfaces.protocol import Array
@@ -54,7 +50,7 @@ class Table(NamedTuple):
     units: dict[str, str]
     """Unit of length that each name states; empty where it states none."""
     rows: list[Row]
-    decimal: str
+    signs: Signs
     where: str
 
 
@@ -81,8 +77,8 @@ def read_table(path: Path | str, needed: Sequence[str]) -> Table:
         raise MalformedInputError(
             "there are no rows in it", where=where, expected="a line of names, then a line for each point"
         )
-    separator, decimal = separator_of(sample, where)
-    names = fields_of(lines[first], separator_of_names(lines[first], separator))
+    separator = separator_of(sample)
+    names = fields_of(lines[first], _separator_of_names(lines[first], separator))
     columns: dict[str, int] = {}
     units: dict[str, str] = {}
     for position, (written, at) in enumerate(names):
@@ -107,7 +103,22 @@ def read_table(path: Path | str, needed: Sequence[str]) -> Table:
         if len(fields) != len(names):
             raise wrong_count(fields, len(names), lines[number], f"{where}:{number + 1}")
         rows.append(Row(f"{where}:{number + 1}", fields))
-    return Table(columns, units, rows, decimal, where)
+    return Table(columns, units, rows, _signs(rows, separator), where)
+
+
+def _separator_of_names(line: str, separator: str | None) -> str | None:
+    """Return what stands between the names of the columns, which may not be what the data have."""
+    return next((mark for mark in (separator, ";", "\t", ",") if mark is not None and mark in line), None)
+
+
+def _signs(rows: Sequence[Row], separator: str | None) -> Signs:
+    """Return the signs in the numbers of a table."""
+    if separator == ",":
+        return Signs()
+    fields = [
+        Field(text, f"{row.here}:{at}") for row in rows for text, at in row.fields if is_number_like(text)
+    ]
+    return signs_of(fields, iter(fields), None)
 
 
 def ids_of(table: Table) -> IntArray:
@@ -125,7 +136,7 @@ def ids_of(table: Table) -> IntArray:
     column = table.columns["id"]
     seen: dict[int, str] = {}
     for row in table.rows:
-        value = number_of(*row.fields[column], table.decimal, row.here)
+        value = number_of(*row.fields[column], table.signs, row.here)
         if value != round(value) or abs(value) > _MAX_ID:
             raise MalformedInputError(f"id {value:.12g}", where=row.place(column), expected="a whole number")
         _once(seen, int(value), f"id {int(value)}", row.place(column))
@@ -173,7 +184,7 @@ def numbers_of(table: Table, name: str) -> Array:
             f"column {name} in {table.units[name]}", where=table.where, expected=f"{name}, without a unit"
         )
     column = table.columns[name]
-    return np.array([number_of(*row.fields[column], table.decimal, row.here) for row in table.rows])
+    return np.array([number_of(*row.fields[column], table.signs, row.here) for row in table.rows])
 
 
 def lengths_mm(table: Table, name: str, units: str | None, without: float | None = None) -> Array:
@@ -212,5 +223,5 @@ def lengths_mm(table: Table, name: str, units: str | None, without: float | None
         if without is not None and text.lower() in _NO_VALUE:
             values[k] = without
         else:
-            values[k] = scale * number_of(text, at, table.decimal, row.here)
+            values[k] = scale * number_of(text, at, table.signs, row.here)
     return values

@@ -1,4 +1,7 @@
-"""Points from any HDF5 file that names them: a dataset `points_mm`, `points` or `xyz` of shape (N, 3)."""
+"""Points from any HDF5 file that names them: a dataset `points_mm`, `points` or `xyz` of shape (N, 3).
+
+Beside it may stand `ids` or `id`, `sigma_mm` and `weight`, each of shape (N,).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,11 @@ from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.safe_hdf5 import attribute, dataset, find, opened, read_array, where_of
 from cmm_align.io.schema import STAGES
 from cmm_align.model import PointKind, PointSet
+from cmm_align.surfaces.protocol import Array
 from cmm_align.units import mm_per
 
 _NAMES: Final = ("points_mm", "points", "xyz")
+_IDS: Final = ("ids", "id")
 _FRAMES: Final = ("machine", "part")
 
 
@@ -32,7 +37,9 @@ def read_points_hdf5(path: Path | str, units: str | None = None) -> PointSet:
     WrongStageError
         If it is a file of one of our stages, which holds no measurement.
     MalformedInputError
-        If there is no such dataset, or it is not (N, 3) finite numbers.
+        If there is no such dataset, or it is not (N, 3) finite numbers; or if one beside it is not (N,), or
+        holds what cannot be: an id that is no whole number, an uncertainty that is not above zero, a weight
+        below it.
     UnitsError
         If the file states another unit than `units`.
     """
@@ -66,9 +73,32 @@ def read_points_hdf5(path: Path | str, units: str | None = None) -> PointSet:
                 expected="kind tip_centre, contact or nominal; frame machine or part",
             )
         points = read_array(file, f"/{name}", (None, 3), finite=True)
+        numbered = next((n for n in _IDS if _is_there(file, n)), None)
+        ids = None if numbered is None else read_array(file, f"/{numbered}", (len(points),), "i")
+        sigma_mm, weight = (_beside(file, n, len(points)) for n in ("sigma_mm", "weight"))
     return PointSet.of(
-        points if scale == 1.0 else points * scale, kind=PointKind(kind), frame=frame, source=str(path)
+        points if scale == 1.0 else points * scale,
+        kind=PointKind(kind),
+        frame=frame,
+        ids=ids,
+        source=str(path),
+        sigma_mm=sigma_mm,
+        weight=weight,
     )
+
+
+def _is_there(file: h5py.File, name: str) -> bool:
+    return isinstance(find(file, name), h5py.Dataset)
+
+
+def _beside(file: h5py.File, name: str, count: int) -> Array | None:
+    """Return a dataset with a number for each point; None if it is not there."""
+    if not _is_there(file, name):
+        return None
+    stated = str(attribute(file, f"/{name}", "units")) if "units" in file[name].attrs else ""
+    if name.endswith("_mm") and stated and mm_per(stated, where=where_of(file, f"/{name}")) != 1.0:
+        raise UnitsError(f"{name} in {stated}", where=where_of(file, f"/{name}"), expected="mm")
+    return read_array(file, f"/{name}", (count,), finite=True)
 
 
 def _word(file: h5py.File, name: str, key: str) -> str:

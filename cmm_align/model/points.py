@@ -58,6 +58,9 @@ class PointSet:
         Standard uncertainty of each point where the source states it; above zero.
     weight : ndarray, shape (N,), dimensionless, or None
         How much each point counts in the fit where the source states it; not below zero, not all zero.
+    passed_over : tuple of str
+        A sentence for each measured row of the source that was left out by design, with its place, text and
+        reason; of many only the first and how many more.
     """
 
     points_mm: Array
@@ -67,6 +70,7 @@ class PointSet:
     source: str
     sigma_mm: Array | None = None
     weight: Array | None = None
+    passed_over: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -79,6 +83,7 @@ class PointSet:
         source: str = "points",
         sigma_mm: ArrayLike | None = None,
         weight: ArrayLike | None = None,
+        passed_over: Sequence[str] = (),
     ) -> PointSet:
         """Return a checked set of points.
 
@@ -86,7 +91,7 @@ class PointSet:
         ----------
         points_mm : array_like, shape (N, 3), mm, frame `frame`
             Copied only if it is not a contiguous float64 array.
-        kind, frame, ids, source, sigma_mm, weight
+        kind, frame, ids, source, sigma_mm, weight, passed_over
             As the attributes; `ids` of shape (N,) are 0, 1, 2 ... if left out.
 
         Raises
@@ -118,6 +123,7 @@ class PointSet:
             source,
             None if sigma_mm is None else _steering("sigma", sigma_mm, len(points), source),
             None if weight is None else _steering("weight", weight, len(points), source),
+            tuple(passed_over),
         )
 
     def __len__(self) -> int:
@@ -155,6 +161,7 @@ def joined(sets: Sequence[PointSet]) -> PointSet:
         source=", ".join(points.source for points in sets),
         sigma_mm=_column("sigma", [(points.source, points.sigma_mm) for points in sets]),
         weight=_column("weight", [(points.source, points.weight) for points in sets]),
+        passed_over=[sentence for points in sets for sentence in points.passed_over],
     )
 
 

@@ -224,3 +224,26 @@ def test_a_recording_of_the_port_is_captured_and_aligned_in_one_go(cli, shop, tm
     assert cut.code == 7
     assert "not complete" in cut.err
     assert not (tmp_path / "cut.align.h5").exists()
+
+
+def test_rows_that_are_left_out_are_told_and_fail_under_strict(cli, shop, tmp_path):
+    """A column of quality: one touch that the machine calls bad."""
+    points = np.loadtxt(shop / "part.csv", delimiter=",", skiprows=2)[:, :3]
+    rows = [f"{x:.6f};{y:.6f};{z:.6f};{'NOK' if k == 4 else 'OK'}" for k, (x, y, z) in enumerate(points)]
+    (tmp_path / "q.csv").write_text("X [mm];Y [mm];Z [mm];Quality\n" + "\n".join(rows) + "\n")
+    ran = cli("align", tmp_path / "q.csv", shop / "nominal.h5", "--json")
+    assert ran.code == 0, ran.err
+    assert ran.result["n_points"] == len(points) - 1
+    assert len(ran.result["passed_over"]) == 1
+    assert "q.csv:6" in ran.json["warnings"][0]
+    strict = cli("align", tmp_path / "q.csv", shop / "nominal.h5", "--strict", "--overwrite")
+    assert strict.code == 3
+    assert "q.csv:6" in strict.err
+
+
+def test_a_text_with_two_readings_names_the_flag_that_settles_it(cli, shop, tmp_path):
+    points = np.loadtxt(shop / "part.csv", delimiter=",", skiprows=2)[:, :3]
+    rows = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in points]
+    (tmp_path / "de.csv").write_text("\n".join(rows) + "\n")
+    asked = cli("align", tmp_path / "de.csv", shop / "nominal.h5", "--decimal", ",")
+    assert asked.code == 0, asked.err

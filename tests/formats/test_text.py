@@ -92,7 +92,10 @@ def test_our_header_states_unit_kind_and_frame(tmp_path):
         ("# cmm-align points v1; units=mm\n1,2,3\n", "inch"),
         ("x_um,y_um,z_um\n1,2,3\n", "mm"),
         ("# cmm-align points v1; units=mm\nx_um,y_um,z_um\n1,2,3\n", None),
-        ("x_um,y_mm,z_mm\n1,2,3\n", None),
+        ("x_um,y,z_mm\n1,2,3\n", None),
+        ("x,y,z,unit\n1,2,3,mm\n1,2,3,inch\n", None),
+        ("Units: inch\nx_um,y_um,z_um\n1,2,3\n", None),
+        ("Units: mm\n1,2,3\n", "inch"),
         ("# cmm-align points v1; units=furlong\n1,2,3\n", None),
         ("1,2,3\n", "furlong"),
     ],
@@ -116,8 +119,7 @@ def test_the_fast_and_the_exact_reader_agree_to_the_bit(tmp_path):
     text = "\n".join(",".join(repr(v) for v in row) for row in values.tolist())
     (tmp_path / "p.csv").write_text(text)
     np.testing.assert_array_equal(read_points(tmp_path / "p.csv").points_mm, values)
-    lines = text.split("\n")
-    np.testing.assert_array_equal(scan(lines, layout_of(lines, "p"), "p"), values)
+    np.testing.assert_array_equal(scan(text, layout_of(text, "p"), "p"), values)
 
 
 def test_weights_have_no_unit_and_come_back_as_they_were_written(tmp_path):

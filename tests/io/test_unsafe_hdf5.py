@@ -235,3 +235,34 @@ def test_an_array_of_zeros_is_stored_and_read(tmp_path):
         file["points"] = np.zeros((2, 3))
     with opened(tmp_path / "p.h5") as file:
         assert read_array(file, "/points", (None, 3)).tolist() == [[0.0] * 3] * 2
+
+
+@pytest.mark.parametrize("name", ["ids", "id"])
+def test_what_belongs_to_the_points_is_read_beside_them(name, tmp_path):
+    with h5py.File(tmp_path / "p.h5", "w") as file:
+        file["points_mm"] = np.eye(3)
+        file[name] = np.array([7, 3, 2**60 + 1])
+        file["sigma_mm"] = np.array([1e-3, 2e-3, 3e-3])
+        file["weight"] = np.array([0.0, 1.0, 2.0], dtype="f4")
+    points = io.read_points_hdf5(tmp_path / "p.h5")
+    assert points.ids.tolist() == [7, 3, 2**60 + 1]
+    assert points.sigma_mm.tolist() == [1e-3, 2e-3, 3e-3]
+    assert points.weight.tolist() == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("ids", [1, 2], r"p\.h5:/ids: shape"),
+        ("ids", [1.5, 2.0, 3.0], r"p\.h5:/ids: type float64"),
+        ("sigma_mm", [1.0, 0.0, 1.0], "sigma 0 of point 2"),
+        ("sigma_mm", [1.0, np.nan, 1.0], r"p\.h5:/sigma_mm"),
+        ("weight", [1.0, -1.0, 1.0], "weight -1 of point 2"),
+    ],
+)
+def test_what_belongs_to_the_points_is_checked(name, values, words, tmp_path):
+    with h5py.File(tmp_path / "p.h5", "w") as file:
+        file["points_mm"] = np.eye(3)
+        file[name] = values
+    with pytest.raises(MalformedInputError, match=words):
+        io.read_points_hdf5(tmp_path / "p.h5")
