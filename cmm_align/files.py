@@ -40,6 +40,9 @@ def read(path: Path | str, units: str | None = None, face: int | None = None) ->
     UsageError
         If a face is asked for and there is none.
     """
+    journal = _recorded(path)
+    if journal is not None:
+        return journal
     if not _is_hdf5(path):
         return formats.read_nominal_source(path, units, face)
     _refuse_face(path, face)
@@ -68,7 +71,10 @@ def read_measured(
     InputError
         If the file is missing, malformed, or in another unit.
     """
-    if _is_hdf5(path):
+    journal = _recorded(path)
+    if journal is not None:
+        points = journal
+    elif _is_hdf5(path):
         _refuse_hints(path, hints)
         points = io.read_points_hdf5(path, units)
     else:
@@ -255,6 +261,15 @@ def write_grid(
         blocks = formats.codev_int_text(z_mm, title)
     with io.atomic_path(path, overwrite) as temporary, temporary.open("wb") as stream:
         stream.writelines(blocks)
+
+
+def _recorded(path: Path | str) -> PointSet | None:
+    """Return the points of a journal of `capture`; None for any other file."""
+    from cmm_align import device
+
+    if not (Path(path).is_file() and device.is_journal_file(Path(path))):
+        return None
+    return device.capture_points(device.replay_url(path)).points
 
 
 def _refuse_hints(path: Path | str, hints: formats.Hints) -> None:

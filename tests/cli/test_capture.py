@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -396,3 +397,20 @@ def test_the_line_moves_on_a_terminal_and_leaves_no_trace(controller: Controller
     assert running.returncode == 0
     assert b"40 points" in shown
     assert b"s of silence" in shown
+
+
+def test_a_journal_is_a_file_like_any_other(tmp_path: Path, cli: Cli) -> None:
+    """`info`, Python and `align` read what a capture has recorded."""
+    import cmm_align
+    from cmm_align.device.journal import RECEIVED, JournalWriter
+    from cmm_align.dialects import MachineProfile
+
+    with JournalWriter(tmp_path / "part.journal", {"profile": asdict(MachineProfile())}) as writer:
+        writer.append(RECEIVED, 0.0, b"1.5,2,3\r\n4,5,")
+        writer.append(RECEIVED, 0.1, b"6\r\n7,8,9.25\r\n")
+        writer.end(0.2, {"reason": "idle"})
+    points = cmm_align.read(tmp_path / "part.journal")
+    assert points.points_mm.tolist() == [[1.5, 2, 3], [4, 5, 6], [7, 8, 9.25]]
+    ran = cli("info", tmp_path / "part.journal")
+    assert ran.code == 0, ran.err
+    assert "3 points" in ran.out
