@@ -124,6 +124,12 @@ class ErrorMapConfig:
     """Half width of the window of the local regression, in grid steps."""
     max_nodes: int = 512
     """Most nodes along the longer side of the grid."""
+    filter: str = "gaussian"
+    """gaussian (regression of order 2), gaussian-order-0, gaussian-robust or spline; used with a cutoff."""
+    low_pass_mm: float = 0.0
+    """Take waves shorter than this away; 0 keeps them."""
+    high_pass_mm: float = 0.0
+    """Take waves longer than this away; 0 keeps them."""
     tolerance_pv_um: float = 0.0
     """Tolerance on PV; 0 gives no verdict."""
     tolerance_rms_um: float = 0.0
@@ -183,6 +189,8 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "spacing_mm": (0.0, 1e6),
     "window": (0.5, 20.0),
     "max_nodes": (8, 4096),
+    "low_pass_mm": (0.0, 1e6),
+    "high_pass_mm": (0.0, 1e6),
     "tolerance_pv_um": (0.0, 1e9),
     "tolerance_rms_um": (0.0, 1e9),
     "guard_factor": (0.0, 10.0),

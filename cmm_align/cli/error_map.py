@@ -12,6 +12,7 @@ from cmm_align.cli import options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.config import ErrorMapConfig
+from cmm_align.errors import UsageError
 from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
@@ -34,6 +35,14 @@ EXIT_OF_VERDICT: Final = {"pass": 0, "none": 0, "fail": 5, "undecided": 6}
 )
 @click.option("--tolerance-pv", type=Length(), metavar="L", help="Tolerance on PV, as 5um.")
 @click.option("--tolerance-rms", type=Length(), metavar="L", help="Tolerance on RMS, as 1um.")
+@click.option(
+    "--filter",
+    "kind",
+    type=click.Choice(["gaussian", "gaussian-order-0", "gaussian-robust", "spline"]),
+    help="With a cutoff: Gaussian regression of order 2, of order 0, robust, or spline.  [default: gaussian]",
+)
+@click.option("--low-pass", type=Length(), metavar="L", help="Take waves shorter than L away.")
+@click.option("--high-pass", type=Length(), metavar="L", help="Take waves longer than L away.")
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.map.h5")
 def command(
@@ -43,6 +52,9 @@ def command(
     spacing: float | None,
     tolerance_pv: float | None,
     tolerance_rms: float | None,
+    kind: str | None,
+    low_pass: float | None,
+    high_pass: float | None,
     no_picture: bool,
     output: Path | None,
 ) -> int:
@@ -56,6 +68,15 @@ def command(
         config = replace(config, tolerance_pv_um=tolerance_pv * UM_PER_MM)
     if tolerance_rms is not None:
         config = replace(config, tolerance_rms_um=tolerance_rms * UM_PER_MM)
+    if kind is not None and low_pass is None and high_pass is None:
+        raise UsageError("--filter without a cutoff", expected="--low-pass 5mm or --high-pass 30mm")
+    if kind is not None:
+        config = replace(config, filter=kind)
+    config = replace(
+        config,
+        low_pass_mm=config.low_pass_mm if low_pass is None else low_pass,
+        high_pass_mm=config.high_pass_mm if high_pass is None else high_pass,
+    )
     return finish(job, make_map(job, aligned, config, picture=not no_picture, output=output))
 
 

@@ -231,9 +231,16 @@ def of_map(deviation_map: DeviationMap) -> dict[str, Any]:
         "u_rms_um": deviation_map.u_rms_mm * UM_PER_MM,
         "grid_spacing_mm": deviation_map.spacing_mm,
         "ladder": [
-            {"removed": rung.removed, "pv_um": rung.pv_mm * UM_PER_MM, "rms_um": rung.rms_mm * UM_PER_MM}
+            {
+                "removed": rung.removed,
+                "pv_um": rung.pv_mm * UM_PER_MM,
+                "rms_um": rung.rms_mm * UM_PER_MM,
+                "pvr_um": rung.pvr_mm * UM_PER_MM,
+            }
             for rung in deviation_map.ladder
         ],
+        "low_orders": None if deviation_map.low_orders is None else asdict(deviation_map.low_orders),
+        "filter": None if deviation_map.filter is None else asdict(deviation_map.filter),
         "verdict": str(deviation_map.verdict),
         "verdict_lines": list(deviation_map.verdict_lines),
         "coverage_percent": 100.0 * deviation_map.coverage,

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
+from typing import TypeVar
 
 from cmm_align.errors import MalformedInputError
 from cmm_align.io import alignment_file
 from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.records import read_record, typed, write_record
-from cmm_align.io.safe_hdf5 import attribute, json_attribute, read_array, where_of
+from cmm_align.io.safe_hdf5 import attribute, find, is_older, json_attribute, read_array, where_of
 from cmm_align.io.writing import write_array
-from cmm_align.model import DeviationMap, LadderRung, Statistics, Verdict
+from cmm_align.model import DeviationMap, LadderRung, LowOrders, MapFilter, Statistics, Verdict
+
+T = TypeVar("T")
 
 
 def write_body(file: h5py.File, noun: DeviationMap) -> None:
@@ -21,6 +25,10 @@ def write_body(file: h5py.File, noun: DeviationMap) -> None:
     for name in ("x_mm", "y_mm", "deviation_mm", "sag_deviation_mm", "sigma_mm"):
         write_array(grid, name, getattr(noun, name))
     grid.attrs["spacing_mm"] = float(noun.spacing_mm)
+    if noun.filter is not None:
+        write_record(file.create_group("filter"), noun.filter)
+    if noun.low_orders is not None:
+        write_record(file.create_group("low_orders"), noun.low_orders)
     statistics = file.create_group("statistics")
     write_record(statistics.create_group("nodes"), noun.statistics)
     write_record(statistics.create_group("points"), noun.point_statistics)
@@ -30,6 +38,11 @@ def write_body(file: h5py.File, noun: DeviationMap) -> None:
     statistics.attrs["verdict"] = noun.verdict.value
     statistics.attrs["verdict_lines"] = json.dumps(noun.verdict_lines)
     statistics.attrs["coverage"] = float(noun.coverage)
+
+
+def _optional(file: h5py.File, path: str, kind: type[T]) -> T | None:
+    """Return the record at a path, None where there is none."""
+    return None if find(file, path) is None else read_record(file, path, kind)
 
 
 def read_body(file: h5py.File) -> DeviationMap:
@@ -44,6 +57,8 @@ def read_body(file: h5py.File) -> DeviationMap:
     y = read_array(file, "/grid/y_mm", (None,), finite=True)
     shape = (len(y), len(x))
     ladder = json_attribute(file, "/statistics", "ladder")
+    if is_older(file) and isinstance(ladder, list):
+        ladder = [{"pvr_mm": math.nan, **rung} for rung in ladder if isinstance(rung, dict)]
     where = where_of(file, "/statistics/@ladder")
     verdict = attribute(file, "/statistics", "verdict")
     if verdict not in set(Verdict):
@@ -72,4 +87,6 @@ def read_body(file: h5py.File) -> DeviationMap:
             tuple[str, ...],
             where_of(file, "/statistics/@verdict_lines"),
         ),
+        low_orders=_optional(file, "/low_orders", LowOrders),
+        filter=_optional(file, "/filter", MapFilter),
     )

@@ -75,9 +75,8 @@ def typed(value: Any, hint: Any, where: str) -> Any:
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
-    if hint is bool and isinstance(value, bool):
-        return value
-    if hint in {int, str} and isinstance(value, hint) and not isinstance(value, bool):
+    whole = hint in {int, str} and not isinstance(value, bool)
+    if (whole or hint is bool) and isinstance(value, hint):
         return value
     if origin is tuple and isinstance(value, list):
         inner = [args[0]] * len(value) if args[-1] is Ellipsis else list(args)

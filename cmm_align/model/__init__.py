@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from cmm_align.model.bidirectional import Bidirectional
 from cmm_align.model.fit_report import FitReport, FitStep, FreeScale, PointStatus
+from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.monte_carlo import MonteCarlo, PointSpread, Spread
 from cmm_align.model.nominal import (
     Equidistant,
@@ -31,6 +32,7 @@ from cmm_align.model.results import (
     Correction,
     DeviationMap,
     LadderRung,
+    MapFilter,
 )
 from cmm_align.model.statistics import Statistics, Verdict
 
@@ -47,6 +49,8 @@ __all__ = [
     "FreeScale",
     "IntArray",
     "LadderRung",
+    "LowOrders",
+    "MapFilter",
     "MonteCarlo",
     "MotionLimits",
     "Nominal",

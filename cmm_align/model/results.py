@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.model.fit_report import FitReport
+from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.nominal import Nominal
 from cmm_align.model.points import IntArray
 from cmm_align.model.statistics import Statistics, Verdict
@@ -74,6 +75,30 @@ class LadderRung:
     removed: str
     pv_mm: float
     rms_mm: float
+    pvr_mm: float = float("nan")
+    """PV of the 36-term fit plus three times the RMS of the rest; NaN in files of older versions."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapFilter:
+    """Which waves a map has left; 0 is no cutoff. Half of a wave at a cutoff is kept."""
+
+    kind: str
+    low_pass_mm: float
+    """Shorter waves were taken away."""
+    high_pass_mm: float
+    """Longer waves were taken away."""
+
+    @property
+    def words(self) -> str:
+        """Return the filter in words."""
+        if self.low_pass_mm and self.high_pass_mm:
+            band = f"band pass {self.low_pass_mm:g} to {self.high_pass_mm:g} mm"
+        elif self.low_pass_mm:
+            band = f"low pass {self.low_pass_mm:g} mm"
+        else:
+            band = f"high pass {self.high_pass_mm:g} mm"
+        return f"{self.kind}, {band}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +132,10 @@ class DeviationMap:
         Share of the nominal's area that the map knows, 0 to 1.
     verdict_lines : tuple of str
         One sentence a tolerance: what was judged, against what, with which outcome.
+    filter : MapFilter or None
+        What was taken away from the nodes; single points are never filtered.
+    low_orders : LowOrders or None
+        What the form error consists of; None in files of older versions.
     """
 
     alignment: Alignment
@@ -124,6 +153,8 @@ class DeviationMap:
     spacing_mm: float
     coverage: float = float("nan")
     verdict_lines: tuple[str, ...] = ()
+    filter: MapFilter | None = None
+    low_orders: LowOrders | None = None
 
 
 @dataclass(frozen=True, slots=True)

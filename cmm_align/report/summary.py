@@ -82,6 +82,10 @@ def of_map(deviation_map: DeviationMap) -> Rows:
     if math.isfinite(m.coverage):
         whole = m.alignment.report.report_region or "nominal"
         rows.append(("coverage", f"{as_percent(m.coverage)} of the {whole}, by {p.n} points"))
+    if m.low_orders is not None:
+        rows.append(("form", m.low_orders.words))
+    if m.filter is not None:
+        rows.append(("filter", f"{m.filter.words}; single points are not filtered"))
     rows.append(("grid", f"{s.n} of {nx} x {ny} nodes, {as_length(m.spacing_mm)} apart"))
     rows.append(("sign", _sign(m.alignment.nominal)))
     return rows
@@ -137,7 +141,7 @@ def details_of_correction(correction: Correction) -> Rows:
 def _rung(rung: LadderRung) -> tuple[str, str]:
     value = f"PV {in_um(rung.pv_mm)}, RMS {in_um(rung.rms_mm)}"
     if rung.removed == "+ power":
-        return "without power", f"{value}   (nor piston and tilt)"
+        return "without power", f"{value}   (nor the rigid motion)"
     return f"without {rung.removed}", value
 
 

@@ -69,12 +69,18 @@ def compensate(
     UsageError
         If the gain is outside (0, 1.2].
     WrongStageError
-        If `previous` belongs to another nominal, or has applied this map already.
+        If the long waves were filtered out of the map, or `previous` belongs to another nominal, or has applied this map already.
     InputError
         If a correction is larger than the limit.
     """
     if not 0.0 < config.gain <= MAX_GAIN:
         raise UsageError(f"gain = {config.gain:g}", expected=f"more than 0 and at most {MAX_GAIN:g}")
+    if deviation_map.filter is not None and deviation_map.filter.high_pass_mm > 0.0:
+        raise WrongStageError(
+            f"the map is filtered ({deviation_map.filter.words}): its form is not in it",
+            expected="a map with all long waves",
+            remedy="make it anew without --high-pass",
+        )
     digest = map_digest(deviation_map)
     _check_previous(deviation_map, digest, previous)
     _check_size(deviation_map, config)

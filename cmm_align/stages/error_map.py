@@ -20,11 +20,22 @@ import numpy as np
 
 from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import GeometryError, UsageError
-from cmm_align.model import Alignment, DeviationMap, LadderRung, Nominal, Statistics, Verdict, frozen_array
+from cmm_align.model import (
+    Alignment,
+    DeviationMap,
+    LadderRung,
+    LowOrders,
+    Nominal,
+    Statistics,
+    Verdict,
+    frozen_array,
+)
+from cmm_align.numerics.aperture_basis import handed_noise, node_widths
 from cmm_align.numerics.local_regression import LocalFit, local_regression
 from cmm_align.numerics.point_density import filled_box
-from cmm_align.numerics.polynomial_basis import n_terms, orthonormalised, rectangle_polynomials
 from cmm_align.stages.deviation_statistics import deviation_statistics
+from cmm_align.stages.low_orders import low_orders
+from cmm_align.stages.map_filter import filtered
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.region import region_from_text
@@ -36,25 +47,10 @@ holds three scan lines or more, or 30 points at random."""
 
 DEFAULTS: Final = ErrorMapConfig()
 
-NODES_PER_TERM: Final = 3
-"""Fewest nodes for each term of a polynomial fit to the map."""
-
-LADDER: Final = (
-    ("nothing", 0),
-    ("piston and tilt", 3),
-    ("+ power", 4),
-    ("+ astigmatism", 6),
-    ("+ coma and trefoil", 10),
-    ("36 terms", 36),
-)
-"""Rungs of the ladder: what is removed, and how many polynomials that is."""
-
 MIN_COVERAGE: Final = 0.9
 """What was not measured cannot pass."""
 
 _COVERAGE_NODES: Final = 201
-_PVR_DEGREE: Final = 7
-"""All products up to this total degree are 36 terms."""
 
 
 class _Places(NamedTuple):
@@ -106,8 +102,14 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
             expected="points spread over an area of the nominal",
             remedy="measure more points, or give a larger spacing",
         )
-    statistics = deviation_statistics(deviation, x_grid, y_grid)
-    ladder, pvr_mm = _ladder(deviation, x_grid, y_grid)
+    steps_mm = float(x_mm[1] - x_mm[0]), float(y_mm[1] - y_mm[0])
+    deviation, used_filter = filtered(deviation, steps_mm, config)
+    found, weights = _low_orders(alignment, places, (x_mm, y_mm), deviation, fit, config.window)
+    statistics = deviation_statistics(deviation, x_grid, y_grid, weights)
+    ladder = tuple(
+        LadderRung(r.removed, r.pv_um / UM_PER_MM, r.rms_um / UM_PER_MM, r.pvr_um / UM_PER_MM)
+        for r in found.rungs
+    )
     scatter = np.where(inside, fit.sigma, np.nan)
     u_rms_mm = _u_rms(alignment, places, fit, scatter, statistics)
     simulated = alignment.report.monte_carlo
@@ -116,7 +118,8 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     points = deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm)
     u_pv_mm = _u_pv(deviation, sigma, fit.scatter)
     coverage = _coverage(alignment, x_mm, y_mm, np.isfinite(deviation))
-    verdict, lines = _verdict((statistics, points), u_pv_mm, u_rms_mm, coverage, config)
+    judged = (statistics, points) if used_filter is None else (statistics,)  # points hold every wave
+    verdict, lines = _verdict(judged, u_pv_mm, u_rms_mm, coverage, config)
     return DeviationMap(
         alignment=alignment,
         x_mm=frozen_array(x_mm),
@@ -126,13 +129,15 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         sigma_mm=frozen_array(sigma),
         statistics=statistics,
         point_statistics=points,
-        pvr_mm=pvr_mm,
+        pvr_mm=ladder[0].pvr_mm,
         u_rms_mm=u_rms_mm,
         ladder=ladder,
         verdict=verdict,
         spacing_mm=spacing_mm,
         coverage=coverage,
         verdict_lines=lines,
+        filter=used_filter,
+        low_orders=found,
     )
 
 
@@ -219,25 +224,22 @@ def _with_machine(
     return np.asarray(np.hypot(fit.sigma, common.value), dtype=np.float64)
 
 
-def _ladder(deviation: Array, x_grid: Array, y_grid: Array) -> tuple[tuple[LadderRung, ...], float]:
-    """Return what low orders leave behind, and PVr.
-
-    PVr (C. J. Evans, Opt. Eng. 48, 2009, doi 10.1117/1.3119307) is the PV of the 36-term fit plus three times
-    the RMS of the rest. A map too small for 36 terms has a shorter ladder, and its PVr takes the
-    highest full degree that the nodes carry.
-    """
+def _low_orders(
+    alignment: Alignment,
+    places: _Places,
+    axes: tuple[Array, Array],
+    deviation: Array,
+    fit: LocalFit,
+    window: float,
+) -> tuple[LowOrders, Array]:
+    """Return the low orders of the map, and the weight of each node: the area that it stands for."""
+    widths = [
+        node_widths(nodes, float(p.min()), float(p.max())) for nodes, p in zip(axes, places, strict=False)
+    ]
+    weights = np.outer(widths[1], widths[0])
     known = np.isfinite(deviation)
-    e = deviation[known]
-    degree = max(d for d in range(_PVR_DEGREE + 1) if d == 0 or n_terms(d) * NODES_PER_TERM <= len(e))
-    basis = orthonormalised(rectangle_polynomials(x_grid[known], y_grid[known], degree))
-    coefficients = basis.T @ e / len(e)
-    rungs = []
-    for removed, terms in LADDER:
-        if terms <= basis.shape[1]:
-            rest = e - basis[:, :terms] @ coefficients[:terms]
-            rungs.append(LadderRung(removed, float(np.ptp(rest)), float(np.sqrt(np.mean(rest**2)))))
-    fit = basis @ coefficients
-    return tuple(rungs), float(np.ptp(fit) + 3.0 * np.sqrt(np.mean((e - fit) ** 2)))
+    noise_mm2 = handed_noise(places.x_mm, places.y_mm, *axes, fit, known, half_width=window)
+    return low_orders(alignment, *axes, deviation, noise_mm2, weights), weights
 
 
 def _u_rms(
@@ -297,7 +299,7 @@ def _coverage(alignment: Alignment, x_mm: Array, y_mm: Array, known: Mask) -> fl
 
 
 def _verdict(
-    judged: tuple[Statistics, Statistics],
+    judged: tuple[Statistics, ...],
     u_pv_mm: float,
     u_rms_mm: float,
     coverage: float,
@@ -305,7 +307,7 @@ def _verdict(
 ) -> tuple[Verdict, tuple[str, ...]]:
     """Return the decision under the rule of ISO 14253-1: a guard band on both sides of a tolerance.
 
-    Judged is the worse of the nodes and the single points.
+    Judged is the worse of the nodes and the single points; the nodes alone where a filter was asked for.
     """
     outcomes, lines = [], []
     for name, values_mm, u_mm, tolerance_um in (

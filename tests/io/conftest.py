@@ -142,7 +142,7 @@ def _map() -> DeviationMap:
         point_statistics=_statistics(5),
         pvr_mm=0.1,
         u_rms_mm=1e-6,
-        ladder=(LadderRung("nothing", 1.0, 0.5), LadderRung("piston", 0.9, 0.4)),
+        ladder=(LadderRung("nothing", 1.0, 0.5, 1.5), LadderRung("rigid motion", 0.9, 0.4, 1.1)),
         verdict=Verdict.UNDECIDED,
         spacing_mm=0.05,
         coverage=0.75,
