@@ -69,7 +69,8 @@ def compensate(
     UsageError
         If the gain is outside (0, 1.2].
     WrongStageError
-        If the long waves were filtered out of the map, or `previous` belongs to another nominal, or has applied this map already.
+        If the long waves were filtered out of the map, or `previous` belongs to another nominal, or has
+        applied this map already.
     InputError
         If a correction is larger than the limit.
     """

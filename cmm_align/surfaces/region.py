@@ -132,7 +132,9 @@ def region_from_table(table: Mapping[str, Any] | None, mm_per_unit: float = 1.0,
     if aperture.corners and _area(aperture) == 0.0:
         raise MalformedInputError("the polygon has no area", where=where)
     return Region(
-        _words(aperture, mm_per_unit), _text(aperture, mm_per_unit), lambda x, y: aperture.contains(x / mm_per_unit, y / mm_per_unit)
+        _words(aperture, mm_per_unit),
+        _text(aperture, mm_per_unit),
+        lambda x, y: aperture.contains(x / mm_per_unit, y / mm_per_unit),
     )
 
 

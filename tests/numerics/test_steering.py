@@ -33,7 +33,9 @@ def case():
     z = surface.jet(x, y).z + 2e-3 * np.sin(0.2 * x) + 1e-3 * rng.normal(size=300)
     points = np.column_stack([x, y, z])
     centroid = points.mean(axis=0)
-    start = Placement(rotation_from_vector(np.array([1e-3, -2e-3, 1.5e-3])), centroid + [0.05, -0.02, 0.03])
+    start = Placement(
+        rotation_from_vector(np.array([1e-3, -2e-3, 1.5e-3])), centroid + np.array([0.05, -0.02, 0.03])
+    )
     return smooth_measure(surface, 1, 0.0), points - centroid, start
 
 
@@ -142,7 +144,7 @@ def test_heavy_datum_terms_hold_the_part_where_they_say(case):
     measure, points, start = case
     places = np.array([[30.0, 0, 5], [-30, 10, 5], [0, -20, 5]])
     target = Placement(
-        rotation_from_vector(np.array([0.0, 0.0, 2e-3])), start.position_mm + [0.01, 0.02, 0.0]
+        rotation_from_vector(np.array([0.0, 0.0, 2e-3])), start.position_mm + np.array([0.01, 0.02, 0.0])
     )
     row, axis = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
     heavy = DatumTerms(places[row], moved(places, target)[row], np.eye(3)[axis], np.full(9, 1e9))

@@ -27,7 +27,7 @@ def part():
 
 def fitted(m, wavelength):
     """Amplitude of a wave along x in the inner half of a map, by least squares."""
-    x, y = np.meshgrid(m.x_mm, m.y_mm)
+    x, _ = np.meshgrid(m.x_mm, m.y_mm)
     inner = np.isfinite(m.deviation_mm) & (np.abs(x) < 0.6 * np.abs(m.x_mm).max())
     waves = [f(2 * np.pi * x[inner] / w) for w in (LONG, SHORT) for f in (np.cos, np.sin)]
     found = np.linalg.lstsq(
