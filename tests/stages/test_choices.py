@@ -235,18 +235,15 @@ def test_weights_by_sigma_are_the_best_and_honest(nominal):
     """A third of the points ten times as noisy: chi-square of the pose over 40 seeds is that of six."""
     x, y = scattered(600)
     sigma = np.where(np.arange(600) % 3 == 0, 3e-3, 3e-4)
-    config = AlignConfig(weights="sigma", outliers="keep")
-    squares, plain = [], []
+    config = AlignConfig(weights="sigma", outliers="keep", search="never")
+    centre, squares = tips(x, y).mean(axis=0), []
     for seed in range(40):
         noise = sigma * np.random.default_rng(seed).normal(size=600)
         given = PointSet.of(tips(x, y, noise), kind=PointKind.TIP_CENTRE, sigma_mm=sigma)
-        for config_, sums in ((config, squares), (replace(config, weights="equal"), plain)):
-            found = align(given, nominal, config_, start=Pose.identity("part", "machine"))
-            w, _ = turn_and_shift(found)
-            shift = found.part_from_machine.apply(tips(x, y).mean(axis=0)[None])[0] - tips(x, y).mean(axis=0)
-            off = np.concatenate([w, shift])
-            sums.append(off @ np.linalg.solve(found.covariance, off) if sums is squares else off[2] ** 2)
-        squares[-1] = float(squares[-1])
+        found = align(given, nominal, config, start=Pose.identity("part", "machine"))
+        w, _ = turn_and_shift(found)
+        off = np.concatenate([w, found.part_from_machine.apply(centre[None])[0] - centre])
+        squares.append(float(off @ np.linalg.solve(found.covariance, off)))
     # The mean of 40 chi-squares of 6 has a standard deviation of sqrt(12 / 40) = 0.55.
     assert abs(np.mean(squares) - 6.0) < 4 * 0.55
 
@@ -345,7 +342,7 @@ def test_a_temperature_is_a_known_scale(nominal):
 def test_a_free_scale_is_found_with_its_uncertainty(nominal):
     x, y = scattered(3000)
     scales, sigmas = [], []
-    for seed in range(12):
+    for seed in range(8):
         noise = 1e-4 * np.random.default_rng(seed).normal(size=len(x))
         grown = tips(x, y, noise) * (1.0 + 200e-6)
         found = align(
@@ -354,7 +351,7 @@ def test_a_free_scale_is_found_with_its_uncertainty(nominal):
         scales.append(found.report.scale * (1.0 + 200e-6) - 1.0)
         sigmas.append(found.report.free_scale.sigma)
     assert np.abs(scales).max() < 4.0 * sigmas[0]
-    assert 0.5 < np.std(scales) / sigmas[0] < 1.8  # of 12: 1 +- 0.2
+    assert 0.5 < np.std(scales) / sigmas[0] < 2.0  # of 8: 1 +- 0.25
     correlation = found.report.free_scale.correlation
     assert abs(correlation["tz"]) > 0.9
     assert set(correlation) == {"rx", "ry", "rz", "tx", "ty", "tz", "tip_radius"}
@@ -417,7 +414,7 @@ def test_points_where_the_ball_does_not_reach_do_not_steer():
     bowl = prescription_from_toml(
         SPHERE.replace("radius = 40.0", "radius = 6.0").replace("-100.0", "1.0\nconic = -1.0"), "bowl"
     )
-    nominal = offset(bowl, 1.5, OffsetConfig(nodes=20_000))
+    nominal = offset(bowl, 1.5, OffsetConfig(nodes=10_000))
     rng = np.random.default_rng(2)
     q, turn = 5.5 * np.sqrt(rng.random(3000)), rng.uniform(0, 2 * np.pi, 3000)
     x, y = q * np.cos(turn), q * np.sin(turn)
@@ -432,7 +429,7 @@ def test_points_where_the_ball_does_not_reach_do_not_steer():
         start=Pose.identity("part", "machine"),
     )
     reach = np.sqrt(1.5**2 - 1.0)
-    pitch = 0.1  # nodes are 0.08 mm apart
+    pitch = 0.15  # nodes are 0.12 mm apart
     claimed = found.status[q < reach - pitch]
     assert np.isin(claimed, (PointStatus.NOT_REACHED, PointStatus.OUTLIER)).all()
     assert (claimed == PointStatus.NOT_REACHED).sum() > 20
@@ -508,6 +505,7 @@ def test_dirt_is_not_asked_whether_it_passes(nominal):
     assert "1 points" in reasons[0]
 
 
+@pytest.mark.slow  # all that could explain the failure is tried
 def test_two_clampings_in_one_cloud_are_refused(nominal):
     x, y = scattered(3000)
     cloud = NEAR.apply(tips(x, y, 1e-3 * np.sin(x)))
