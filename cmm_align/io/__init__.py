@@ -69,7 +69,8 @@ def read_nominal(path: Path | str, with_equidistant: bool = False) -> Nominal:
     ----------
     path : path
     with_equidistant : bool
-        Whether to read the net of nodes and triangles too; the smooth surfaces always come.
+        Whether to read the net of nodes and triangles too, which comes anyway where the ball does not reach
+        everywhere; the smooth surfaces always come.
 
     Raises
     ------

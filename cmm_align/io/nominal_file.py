@@ -43,6 +43,8 @@ def write_body(file: h5py.File, nominal: Nominal) -> None:
 def read_body(file: h5py.File, with_equidistant: bool) -> Nominal:
     """Return the nominal of a file; the net of nodes only on request, for it is large.
 
+    Where the ball does not reach everywhere it is read all the same: it tells where.
+
     Raises
     ------
     MalformedInputError
@@ -51,13 +53,14 @@ def read_body(file: h5py.File, with_equidistant: bool) -> Nominal:
     core = read_nominal_group(file, "/surface")
     has_surface = find(file, "/equidistant/surface") is not None
     has_net = find(file, "/equidistant/points_mm") is not None
+    held_off = core.quality is not None and bool(core.quality.n_not_reached)
     return Nominal(
         core.surface,
         core.side,
         core.tip_radius_mm,
         core.surface_from_part,
         core.digest,
-        equidistant=_read_net(file) if with_equidistant and has_net else None,
+        equidistant=_read_net(file) if has_net and (with_equidistant or held_off) else None,
         equidistant_surface=read_surface(file, "/equidistant/surface") if has_surface else None,
         quality=core.quality,
     )

@@ -96,7 +96,8 @@ class FitReport:
     n_fiducials: int = 0
     """Datum terms beside the points."""
     scale: float = 1.0
-    """What measured lengths about the centroid were multiplied by."""
+    """What measured lengths were multiplied by: about the part's origin at the start where a temperature was
+    given, about the centroid where it was fitted. ``part_from_machine`` takes points after that."""
     free_scale: FreeScale | None = None
     proof_ids: tuple[int, ...] = ()
     """Points that hold a minimum zone or a least stock, or prove that no position is within tolerance."""

@@ -63,7 +63,7 @@ from cmm_align.stages.fit_checks import (
 from cmm_align.stages.plausibility import check_measured
 from cmm_align.stages.reference_methods import METHODS as REFERENCE_METHODS
 from cmm_align.stages.reference_methods import reference_pose
-from cmm_align.stages.selection import selection_for, status_of
+from cmm_align.stages.selection import Selection, status_of
 from cmm_align.stages.way import find_the_way
 from cmm_align.surfaces.distance import facet_measure, smooth_measure
 from cmm_align.surfaces.protocol import Array
@@ -176,7 +176,7 @@ def align(
         lock,
     )
     tell("refining", 0.2)
-    rule = selection_for(nominal, cloud.radius_mm, config.edge_proud_um / UM_PER_MM, regions.fit)
+    rule = Selection(nominal, cloud.radius_mm, config.edge_proud_um / UM_PER_MM, regions.fit)
     fitted = best_fit(
         cloud, few, Way(way_start, way), rule, config, nominal=nominal, fiducials=fiducials, tell=tell
     )
@@ -302,7 +302,7 @@ def _cloud(measured: PointSet, nominal: Nominal, config: AlignConfig, start: Pos
 
 
 def _pose(placed: Placement, cloud: Cloud, nominal: Nominal) -> Pose:
-    """Return ``part_from_machine`` of a placement of the cloud; a scale is about the centroid."""
+    """Return ``part_from_machine`` of a placement of the cloud, for points at their scale."""
     shift = placed.position_mm - placed.rotation @ cloud.centroid
     return nominal.surface_from_part.inverse() @ Pose(placed.rotation, shift, "surface", "machine")
 

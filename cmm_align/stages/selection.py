@@ -53,23 +53,6 @@ class Selection:
         return counts
 
 
-def selection_for(
-    nominal: Nominal, radius_mm: float, edge_proud_mm: float, fit_region: Region | None
-) -> Selection:
-    """Return the rule before anything is known of outliers.
-
-    Parameters
-    ----------
-    nominal : Nominal
-    radius_mm : float
-        Tip radius, mm; 0 for contact points, which have no edge band.
-    edge_proud_mm : float
-        Height of an edge that must not be touched first, mm.
-    fit_region : Region or None
-    """
-    return Selection(nominal, radius_mm, edge_proud_mm, fit_region)
-
-
 def reach_of(selection: Selection, x_mm: Array, y_mm: Array) -> NDArray[np.uint8]:
     """Return what the ball does at places of the nominal, as `surfaces.envelope.Reach`, shape (n,).
 
@@ -116,8 +99,11 @@ def _nearest(
     gap, _ = cKDTree(nodes_mm[held]).query(places, distance_upper_bound=CLEAR_OF_FLAGGED * spacing)
     code = np.zeros(len(places), dtype=np.uint8)
     pick = np.flatnonzero(np.isfinite(gap))
-    if len(pick):
-        at = cKDTree(nodes_mm).query(places[pick])[1]
+    if len(pick):  # the nearest node of these lies no farther off than the one that is held
+        margin = 2.0 * CLEAR_OF_FLAGGED * spacing
+        low, high = nodes_mm[held].min(axis=0) - margin, nodes_mm[held].max(axis=0) + margin
+        around = np.flatnonzero(((nodes_mm >= low) & (nodes_mm <= high)).all(axis=1))
+        at = around[cKDTree(nodes_mm[around]).query(places[pick])[1]]
         code[pick] = np.where(held[at], reach[at], 0)
     return code
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from truth import measured_window
 
+from cmm_align import io
 from cmm_align.config import AlignConfig, ErrorMapConfig, OffsetConfig
 from cmm_align.errors import GeometryError, InputError, NumericsError, UsageError, WrongStageError
 from cmm_align.model import Fiducials, PointKind, PointSet, PointStatus, Verdict, frozen_array
@@ -405,7 +406,7 @@ def test_limits_of_single_points_are_kept_where_they_can_be(nominal):
 # Reach
 
 
-def test_points_where_the_ball_does_not_reach_do_not_steer():
+def test_points_where_the_ball_does_not_reach_do_not_steer(tmp_path):
     """A paraboloid with a vertex radius of 1 mm, and a ball of 1.5 mm: it touches two sides at once inside.
 
     On ``z = q^2 / 2`` a ball on the axis touches where ``r = sqrt(1 + q^2)``: nothing inside is touched. What
@@ -435,6 +436,14 @@ def test_points_where_the_ball_does_not_reach_do_not_steer():
     assert (claimed == PointStatus.NOT_REACHED).sum() > 20
     assert (found.status[(q > reach + pitch) & (q < 5.4)] == PointStatus.USED).all()
     assert found.report.n_not_reached == np.count_nonzero(found.status == PointStatus.NOT_REACHED)
+    io.write(nominal, tmp_path / "bowl.h5")
+    again = align(
+        PointSet.of(points, kind=PointKind.TIP_CENTRE),
+        io.read_nominal(tmp_path / "bowl.h5"),
+        AlignConfig(trust_me=True),
+        start=Pose.identity("part", "machine"),
+    )
+    np.testing.assert_array_equal(again.status, found.status)
 
 
 # What one choice must not do to another
