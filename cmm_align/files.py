@@ -265,11 +265,14 @@ def write_grid(
 
 def _recorded(path: Path | str) -> PointSet | None:
     """Return the points of a journal of `capture`; None for any other file."""
-    from cmm_align import device
+    from cmm_align.device.recordings import is_journal_file
 
-    if not (Path(path).is_file() and device.is_journal_file(Path(path))):
+    if not (Path(path).is_file() and is_journal_file(Path(path))):
         return None
-    return device.capture_points(device.replay_url(path)).points
+    from cmm_align.device.address import replay_url
+    from cmm_align.device.capture import capture_points  # loads the dialects
+
+    return capture_points(replay_url(path)).points
 
 
 def _refuse_hints(path: Path | str, hints: formats.Hints) -> None:

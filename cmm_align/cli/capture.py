@@ -17,7 +17,7 @@ from cmm_align.cli.options import FILE
 from cmm_align.errors import UsageError
 
 if TYPE_CHECKING:
-    from cmm_align.device import Captured
+    from cmm_align.device.capture import Captured
     from cmm_align.dialects import MachineProfile
 
 TEXT = """Read a point dump from PORT, or from a recording of one.
@@ -87,13 +87,13 @@ def command(
     output: Path | None,
 ) -> int:
     """Parse, call, show."""
-    from cmm_align import device
     from cmm_align.cli.show import finish
+    from cmm_align.device.address import replay_url
 
     if sum(source is not None for source in (port, replay, tap)) != 1:
         raise UsageError("one source is needed", expected="PORT, --replay FILE or --tap LISTEN=HOST:PORT")
     if replay is not None:
-        port = device.replay_url(replay)
+        port = replay_url(replay)
     machine = machine_of(job, port, profile, idle_end)
     if output is None:
         output = default_output(port)
@@ -141,10 +141,11 @@ def make_capture(
     """
     import numpy as np
 
-    from cmm_align import device, files
+    from cmm_align import files
     from cmm_align.cli import record
+    from cmm_align.device.capture import recording_of
 
-    source = device.recording_of(url)
+    source = recording_of(url)
     live = source is None or just_made
     inputs = [] if source is None or live else [source]
     record.check_outputs(job, [output], inputs, stage_file=False)
@@ -195,9 +196,9 @@ def read_port(
     expect : int, optional
         Number of points after which to stop.
     """
-    from cmm_align import device
+    from cmm_align.device.capture import capture_points, recording_of
 
-    live = device.recording_of(url) is None
+    live = recording_of(url) is None
 
     def ready(path: Path | None) -> None:
         """Tell the operator to start."""
@@ -207,32 +208,33 @@ def read_port(
         tell(job, f"{url} is open and every byte goes to {path}: start the dump now{start}; Ctrl-C ends it")
 
     with live_line(job, expect) as watch:
-        return device.capture_points(
+        return capture_points(
             url, profile, journal=journal if live else None, expect=expect, ready=ready, watch=watch
         )
 
 
 def tapped(job: Job, text: str, profile: MachineProfile, output: Path) -> str:
     """Listen to a client and its server until one closes; return the URL of what was heard."""
-    from cmm_align import device
     from cmm_align.cli import record
+    from cmm_align.device.address import replay_url
+    from cmm_align.device.tap import Endpoint, endpoints_of, tap
     from cmm_align.errors import DeviceError
 
-    listen, server = device.endpoints_of(text)
+    listen, server = endpoints_of(text)
     record.check_outputs(job, [output], [], stage_file=False)
 
-    def ready(door: device.Endpoint, path: Path) -> None:
+    def ready(door: Endpoint, path: Path) -> None:
         """Tell the operator where to connect to."""
         tell(job, f"connect the client to {door.host}:{door.port} now; every byte goes to {path}")
 
-    heard = device.tap(listen, server, journal_beside(output), profile, ready=ready)
+    heard = tap(listen, server, journal_beside(output), profile, ready=ready)
     if not heard.complete:
         raise DeviceError(
             f"the journal is not complete: {heard.why}",
             where=str(heard.journal),
             remedy=f"what it holds can be had with --replay {heard.journal}",
         )
-    return device.replay_url(heard.journal)
+    return replay_url(heard.journal)
 
 
 def machine_of(
@@ -254,7 +256,7 @@ def machine_of(
     UsageError
         If the profile makes no sense, or ``--units`` contradict it.
     """
-    from cmm_align import device
+    from cmm_align.device.capture import recorded_profile, recording_of
     from cmm_align.dialects import MachineProfile, read_profile
 
     machine = None
@@ -262,8 +264,8 @@ def machine_of(
         machine = read_profile(profile)
     elif url is None:
         machine = MachineProfile(name="I++ DME", dialect="ipp")
-    elif device.recording_of(url) is not None:
-        machine = device.recorded_profile(url)
+    elif recording_of(url) is not None:
+        machine = recorded_profile(url)
     if machine is None:
         machine = MachineProfile(units=job.units or "mm")
     elif job.units not in {None, machine.units}:
@@ -275,9 +277,9 @@ def machine_of(
 
 def default_output(url: str | None) -> Path:
     """Return the output where none was named: beside a recording, or here."""
-    from cmm_align import device
+    from cmm_align.device.capture import recording_of
 
-    source = None if url is None else device.recording_of(url)
+    source = None if url is None else recording_of(url)
     if source is None:
         return Path(DEFAULT_NAME)
     output = beside(source, ".csv")

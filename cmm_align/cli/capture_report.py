@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 from cmm_align.errors import MalformedInputError
 
 if TYPE_CHECKING:
-    from cmm_align.device import Captured
+    from cmm_align.device.capture import Captured
 
 EXIT_DEVICE: Final = 7
 EXIT_INTERRUPTED: Final = 130

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from cmm_align.cli.job import Job
 
 if TYPE_CHECKING:
-    from cmm_align.device import Progress
+    from cmm_align.device.intake import Progress
 
 
 @contextmanager

@@ -78,17 +78,18 @@ def port_of(sources: Sources) -> str | None:
     UsageError
         If there is something beside a port, or a profile without one.
     """
-    from cmm_align import device
+    from cmm_align.device.address import is_port, replay_url
+    from cmm_align.device.recordings import is_journal_file
 
     twice = {name for name in sources.names if sources.names.count(name) > 1}
     if twice:
         raise UsageError(f"{min(twice)} is given twice", expected="each file once")
     ports = []
     for name in sources.names:
-        if device.is_port(name):
+        if is_port(name):
             ports.append(name)
-        elif Path(name).is_file() and device.is_journal_file(Path(name)):
-            ports.append(device.replay_url(name))
+        elif Path(name).is_file() and is_journal_file(Path(name)):
+            ports.append(replay_url(name))
     if ports and len(sources.names) > 1:
         raise UsageError(
             f"{ports[0]} beside other sources",
@@ -102,11 +103,11 @@ def port_of(sources: Sources) -> str | None:
 
 def default_output(sources: Sources, port: str | None) -> Path:
     """Return where an alignment goes if nothing was said: beside the first file, or here."""
-    from cmm_align import device
-
     if port is None:
         return beside(Path(sources.names[0]), ".align.h5")
-    source = device.recording_of(port)
+    from cmm_align.device.capture import recording_of
+
+    source = recording_of(port)
     return Path("capture.align.h5") if source is None else beside(source, ".align.h5")
 
 

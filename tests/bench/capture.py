@@ -25,9 +25,11 @@ from table import Row, Stopwatch, show
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from controller import Controller, plugged_in
 
-from cmm_align.device import Progress, capture_points, replay_url
 from cmm_align.device import reader as readers
+from cmm_align.device.address import replay_url
+from cmm_align.device.capture import capture_points
 from cmm_align.device.clock import Clock
+from cmm_align.device.intake import Progress
 from cmm_align.device.journal import read_journal
 from cmm_align.dialects import MachineProfile
 

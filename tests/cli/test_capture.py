@@ -17,12 +17,12 @@ import pytest
 from conftest import Ran
 
 import cmm_align as ca
-from cmm_align import device
 from cmm_align.cli.capture_report import warnings_of
 from cmm_align.cli.live_line import line_of
-from cmm_align.device import Progress
-from cmm_align.device.capture import settings_for
+from cmm_align.device.capture import capture_points, settings_for
+from cmm_align.device.intake import Progress
 from cmm_align.device.journal import FROM_CLIENT, RECEIVED, JournalWriter, read_journal
+from cmm_align.device.tap import Tapped
 from cmm_align.dialects import Hit
 
 if TYPE_CHECKING:
@@ -333,9 +333,9 @@ def test_a_tap_becomes_points(folder: Path, cli: Cli, monkeypatch: pytest.Monkey
             writer.append(FROM_CLIENT, 0.0, b"00001 PtMeas(X(1),Y(2),Z(3))\r\n")
             writer.append(RECEIVED, 0.1, b"00001 &\r\n00001 # X(1.5), Y(2.5), Z(3.5)\r\n00001 %\r\n")
             writer.end(0.2, {"end_reason": "interrupted"})
-        return device.Tapped(writer.path, 1, 1, True)
+        return Tapped(writer.path, 1, 1, True)
 
-    monkeypatch.setattr(device, "tap", tapped)
+    monkeypatch.setattr("cmm_align.device.tap.tap", tapped)
     ran = cli("capture", "--tap", "1294=10.0.0.7:1294", "-o", "part.csv", "--json")
 
     assert ran.code == 130
@@ -345,7 +345,7 @@ def test_a_tap_becomes_points(folder: Path, cli: Cli, monkeypatch: pytest.Monkey
 
 
 def test_a_rival_at_the_port_is_named(folder: Path) -> None:
-    captured = device.capture_points("replay://dump.txt")
+    captured = capture_points("replay://dump.txt")
     shared = replace(captured, other_readers=("minicom (process 7)",))
 
     assert warnings_of(captured) == []

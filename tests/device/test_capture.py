@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 import serial
 
-from cmm_align.device import Captured, EndReason, Progress, capture_points, replay_url
+from cmm_align.device.address import replay_url
+from cmm_align.device.capture import Captured, capture_points
+from cmm_align.device.ending import EndReason
+from cmm_align.device.intake import Progress
 from cmm_align.device.journal import RECEIVED, JournalWriter, read_journal
 from cmm_align.dialects import MachineProfile
 from cmm_align.errors import CmmAlignError, DeviceError, MalformedInputError, OutputError

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from cmm_align.device import capture_points, replay_url
+from cmm_align.device.address import replay_url
+from cmm_align.device.capture import capture_points
 from cmm_align.device.journal import read_journal
 
 if TYPE_CHECKING:

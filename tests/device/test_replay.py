@@ -10,8 +10,8 @@ import pytest
 import serial
 from serial.urlhandler.protocol_spy import FormatHexdump
 
-from cmm_align import device
 from cmm_align.device.address import Replay, is_port, replay_of, replay_url
+from cmm_align.device.capture import recording_of
 from cmm_align.device.clock import Clock
 from cmm_align.device.faults import Chunk, Faults, faulty
 from cmm_align.device.journal import FROM_CLIENT, RECEIVED, JournalWriter
@@ -174,7 +174,7 @@ def test_any_name_of_a_file_can_be_replayed(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(b"1,2,3\n")
 
-    assert device.recording_of(replay_url(path)) == path
+    assert recording_of(replay_url(path)) == path
     assert served(opened(replay_url(path))) == [b"1,2,3\n"]
 
 

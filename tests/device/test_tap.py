@@ -14,8 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from cmm_align.device import Endpoint, Tapped, capture_points, endpoints_of, replay_url, tap
+from cmm_align.device.address import replay_url
+from cmm_align.device.capture import capture_points
 from cmm_align.device.journal import FROM_CLIENT, RECEIVED, JournalWriter, read_journal
+from cmm_align.device.tap import Endpoint, Tapped, endpoints_of, tap
 from cmm_align.dialects import MachineProfile
 from cmm_align.errors import DeviceError, OutputError, UsageError
 
