@@ -160,6 +160,21 @@ class Config:
     compensate: CompensateConfig = CompensateConfig()
 
 
+ALIGN_CHOICES: Final[dict[str, tuple[str, ...]]] = {
+    "distance": ("smooth", "facet"),
+    "outliers": ("reject", "keep"),
+    "search": ("auto", "always", "never"),
+    "criterion": ("least-squares", "minimum-zone", "least-stock", "within-tolerance"),
+    "weights": ("equal", "sigma", "area", "stated"),
+    "lock_frame": ("part", "machine"),
+    "scale": ("fixed", "free"),
+    "method": ("foot-point", "icp", "point-to-plane", "facet", "xiong", "estimated-normals"),
+}
+"""What the settings of `align` that are names may be."""
+
+FILTERS: Final = ("gaussian", "gaussian-order-0", "gaussian-robust", "spline")
+"""What the filter of `error-map` may be."""
+
 LIMITS: Final[dict[str, tuple[float, float]]] = {
     "degree": (0, 5),
     "nodes": (400, 5_000_000),

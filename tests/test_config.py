@@ -2,7 +2,7 @@ from dataclasses import fields
 
 import pytest
 
-from cmm_align.config import LIMITS, Config, read_config
+from cmm_align.config import ALIGN_CHOICES, FILTERS, LIMITS, AlignConfig, Config, read_config
 from cmm_align.errors import MissingFileError, UsageError
 
 
@@ -57,3 +57,13 @@ def test_every_number_has_limits_and_every_default_lies_within():
             if isinstance(value, int | float) and not isinstance(value, bool):
                 low, high = LIMITS[field.name]
                 assert low <= value <= high, field.name
+
+
+def test_every_name_that_a_setting_may_have_is_known_to_its_stage():
+    from cmm_align.stages.map_filter import KINDS
+    from cmm_align.stages.reference_methods import METHODS
+
+    assert set(KINDS) == set(FILTERS)
+    assert ("foot-point", *METHODS) == ALIGN_CHOICES["method"]
+    for name, known in ALIGN_CHOICES.items():
+        assert getattr(AlignConfig(), name) in known

@@ -16,6 +16,22 @@ from cmm_align.virtual.window import TIP_RADIUS_MM, window
 
 Array = NDArray[np.float64]
 
+DOME = """
+schema = "cmm-align/prescription/1"
+[aperture]
+shape = "rectangle"
+width = 60.0
+height = 40.0
+[[term]]
+kind = "conic"
+radius = -60.0
+conic = -0.3
+[[term]]
+kind = "xy_polynomial"
+coefficients = { "1,0" = 0.02, "3,0" = 8e-5, "2,1" = 6e-5, "0,3" = -8e-5, "2,0" = -2e-3 }
+"""
+"""A small steep freeform."""
+
 
 @dataclass(frozen=True)
 class Truth:

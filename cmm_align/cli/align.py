@@ -11,7 +11,7 @@ import click
 from cmm_align.cli import options
 from cmm_align.cli.job import Job
 from cmm_align.cli.options import FILE, TIP_RADIUS_HELP, Length, output_option
-from cmm_align.config import AlignConfig, checked
+from cmm_align.config import ALIGN_CHOICES, AlignConfig, checked
 from cmm_align.errors import UnitsError, UsageError
 from cmm_align.units import REFERENCE_C, UM_PER_MM, parse_length_mm, parse_mpe
 
@@ -84,7 +84,7 @@ HEADINGS = {
 )
 @click.option(
     "--criterion",
-    type=click.Choice(["least-squares", "minimum-zone", "least-stock", "within-tolerance"]),
+    type=click.Choice(ALIGN_CHOICES["criterion"]),
     help="What the best fit makes small: squares, the largest deviation, or the stock to take off so that"
     " no deviation stays below zero; or whether any position keeps a tolerance.  [default: least-squares]",
 )
@@ -101,7 +101,7 @@ HEADINGS = {
 )
 @click.option(
     "--lock-frame",
-    type=click.Choice(["part", "machine"]),
+    type=click.Choice(ALIGN_CHOICES["lock_frame"]),
     help="Frame of the locked motions.  [default: part]",
 )
 @click.option(
@@ -127,7 +127,7 @@ HEADINGS = {
 )
 @click.option(
     "--outliers",
-    type=click.Choice(["reject", "keep"]),
+    type=click.Choice(ALIGN_CHOICES["outliers"]),
     help="Touches on dirt: left out of the fit and listed, or kept.  [default: reject]",
 )
 @click.option("--trust-me", is_flag=True, default=None, help="Go on although the data look like a mistake.")
@@ -147,7 +147,7 @@ HEADINGS = {
 )
 @click.option(
     "--scale",
-    type=click.Choice(["fixed", "free"]),
+    type=click.Choice(ALIGN_CHOICES["scale"]),
     help="Fit a scale as well, and tell what it cannot be told from.  [default: fixed]",
 )
 @click.option(
@@ -171,12 +171,12 @@ HEADINGS = {
 )
 @click.option(
     "--distance",
-    type=click.Choice(["smooth", "facet"]),
+    type=click.Choice(ALIGN_CHOICES["distance"]),
     help="Foot point on a smooth surface, or the plane of the triangle.  [default: smooth]",
 )
 @click.option(
     "--method",
-    type=click.Choice(["foot-point", "icp", "point-to-plane", "facet", "xiong", "estimated-normals"]),
+    type=click.Choice(ALIGN_CHOICES["method"]),
     help="To compare with: methods of the literature.  [default: foot-point]",
 )
 @click.option(
@@ -274,7 +274,7 @@ def _weights(config: AlignConfig, weights: str | None) -> tuple[AlignConfig, Pat
     """Return how points are weighted, and the table of weights if that is a file."""
     if weights is None:
         return config, None
-    if weights in {"equal", "sigma", "area", "stated"}:
+    if weights in ALIGN_CHOICES["weights"]:
         return replace(config, weights=weights), None
     if not Path(weights).is_file():
         raise UsageError(

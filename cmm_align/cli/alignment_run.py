@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from cmm_align.cli.job import Job, Outcome, typed
+from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, typed
 from cmm_align.cli.measured import Sources
 from cmm_align.config import AlignConfig
 from cmm_align.errors import UsageError
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from cmm_align.pose import Pose
     from cmm_align.stages.alignment_report import Regions
     from cmm_align.surfaces.protocol import Array
-
-EXIT_OF_VERDICT: Final = {"pass": 0, "none": 0, "fail": 5, "undecided": 6}
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
 from cmm_align.cli import options
-from cmm_align.cli.job import Job, Outcome, beside, typed
+from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
-from cmm_align.config import ErrorMapConfig
+from cmm_align.config import FILTERS, ErrorMapConfig
 from cmm_align.errors import UsageError
 from cmm_align.units import UM_PER_MM
 
@@ -25,8 +25,6 @@ verdict: 0 within, 5 out, 6 undecided because the tolerance lies inside the unce
 own "error map" of 21 geometric components is another thing.)
 """
 
-EXIT_OF_VERDICT: Final = {"pass": 0, "none": 0, "fail": 5, "undecided": 6}
-
 
 @options.command("error-map", TEXT)
 @click.argument("aligned", type=FILE)
@@ -38,7 +36,7 @@ EXIT_OF_VERDICT: Final = {"pass": 0, "none": 0, "fail": 5, "undecided": 6}
 @click.option(
     "--filter",
     "kind",
-    type=click.Choice(["gaussian", "gaussian-order-0", "gaussian-robust", "spline"]),
+    type=click.Choice(FILTERS),
     help="With a cutoff: Gaussian regression of order 2, of order 0, robust, or spline.  [default: gaussian]",
 )
 @click.option("--low-pass", type=Length(), metavar="L", help="Take waves shorter than L away.")

@@ -14,6 +14,9 @@ from cmm_align.provenance import InputFile
 STAGE_SUFFIXES: Final = (".align", ".map", ".comp", ".offset")
 """What a stage puts between stem and `.h5`; dropped again by the next one."""
 
+EXIT_OF_VERDICT: Final = {"pass": 0, "none": 0, "fail": 5, "undecided": 6}
+"""What a verdict is to a script."""
+
 
 @dataclass(frozen=True, slots=True)
 class Job:

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.config import AlignConfig
+from cmm_align.config import ALIGN_CHOICES, AlignConfig
 from cmm_align.errors import NumericsError, UsageError
 from cmm_align.model import (
     Alignment,
@@ -61,7 +61,6 @@ from cmm_align.stages.fit_checks import (
     explained,
 )
 from cmm_align.stages.plausibility import check_measured
-from cmm_align.stages.reference_methods import METHODS as REFERENCE_METHODS
 from cmm_align.stages.reference_methods import reference_pose
 from cmm_align.stages.selection import Selection, status_of
 from cmm_align.stages.way import find_the_way
@@ -70,17 +69,6 @@ from cmm_align.surfaces.protocol import Array
 from cmm_align.surfaces.region import Region, region_from_text
 from cmm_align.units import NM_PER_MM, RAD_PER_DEG, UM_PER_MM
 
-CHOICES: Final = {
-    "distance": ("smooth", "facet"),
-    "outliers": ("reject", "keep"),
-    "search": ("auto", "always", "never"),
-    "criterion": ("least-squares", "minimum-zone", "least-stock", "within-tolerance"),
-    "weights": ("equal", "sigma", "area", "stated"),
-    "lock_frame": ("part", "machine"),
-    "scale": ("fixed", "free"),
-    "method": ("foot-point", *REFERENCE_METHODS),
-}
-"""What the settings with names may be."""
 ROUGHNESS_FACTOR: Final = 0.2
 """Mean square of the slopes of noise in squares of its PV over the spacing, with a margin of three."""
 
@@ -145,7 +133,7 @@ def align(
     Sign: a bump outwards is positive. Accuracy tested: noise-free points from 20, 10, 20 mm and 20, 10, 20
     degrees end below 1e-6 nm PV.
     """
-    for name, known in CHOICES.items():
+    for name, known in ALIGN_CHOICES.items():
         if getattr(config, name) not in known:
             raise UsageError(f"{name} {getattr(config, name)!r}", expected=", ".join(known))
     check_measured(measured, nominal)

@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from cmm_align.config import AlignConfig
+from cmm_align.config import ALIGN_CHOICES, AlignConfig
 from cmm_align.errors import UsageError, WrongStageError
 from cmm_align.model import MIN_POINTS, Nominal, PointKind, PointSet
 from cmm_align.numerics.icp_closest_point import IcpResult, point_to_point, tangent_plane_measure
@@ -38,7 +38,7 @@ from cmm_align.surfaces.equidistant import limits_of
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.units import RAD_PER_DEG
 
-METHODS: Final = ("icp", "point-to-plane", "facet", "xiong", "estimated-normals")
+METHODS: Final = ALIGN_CHOICES["method"][1:]
 LEAST_ITERATIONS: Final = 500
 """Iterations every method may take at least in each round: point to point needs hundreds."""
 ROUNDS: Final = 5

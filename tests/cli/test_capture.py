@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -80,6 +81,23 @@ def capture(controller: Controller, *arguments: str, says: bytes) -> tuple[int, 
     return running.returncode, out, told + err
 
 
+@contextmanager
+def reading(controller: Controller, folder: Path, says: bytes) -> Iterator[subprocess.Popen[str]]:
+    """A capture without an end in sight that has just taken what the controller says."""
+    with subprocess.Popen(
+        [*COMMAND, controller.port, "--idle-end", "1min", "-o", "part.csv"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as running:
+        assert running.stderr is not None
+        running.stderr.readline()
+        controller.say(says).join()
+        while sum(len(r.data) for r in read_journal(folder / "part.journal").records) < len(says):
+            pass  # the process is reading: this ends
+        yield running
+
+
 def refused(ran: Ran, code: int, *words: str) -> None:
     assert ran.code == code, ran.err
     assert ran.out == ""
@@ -130,28 +148,7 @@ def test_a_second_capture_keeps_the_first_journal(controller: Controller, folder
 
 
 def test_ctrl_c_writes_what_came_and_exits_with_130(controller: Controller, folder: Path) -> None:
-    with subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "cmm_align",
-            "capture",
-            controller.port,
-            "--idle-end",
-            "1min",
-            "-o",
-            "part.csv",
-        ],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as running:
-        assert running.stderr is not None
-        running.stderr.readline()
-        controller.say(DUMP).join()
-        journal = folder / "part.journal"
-        while sum(len(record.data) for record in read_journal(journal).records) < len(DUMP):
-            pass  # the process is reading: this ends
+    with reading(controller, folder, DUMP) as running:
         running.send_signal(signal.SIGINT)
         _, err = running.communicate(timeout=30)
 
@@ -159,32 +156,11 @@ def test_ctrl_c_writes_what_came_and_exits_with_130(controller: Controller, fold
     assert "not complete: interrupted" in err
     assert "Traceback" not in err
     assert len(ca.read("part.csv")) == 40
-    assert (read_journal(journal).end or {})["end_reason"] == "interrupted"
+    assert (read_journal(folder / "part.journal").end or {})["end_reason"] == "interrupted"
 
 
 def test_a_hang_up_exits_with_7_and_keeps_what_came(controller: Controller, folder: Path) -> None:
-    with subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "cmm_align",
-            "capture",
-            controller.port,
-            "--idle-end",
-            "1min",
-            "-o",
-            "part.csv",
-        ],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as running:
-        assert running.stderr is not None
-        running.stderr.readline()
-        controller.say(DUMP + b"1.5,2").join()
-        journal = folder / "part.journal"
-        while sum(len(record.data) for record in read_journal(journal).records) < len(DUMP) + 5:
-            pass  # the process is reading: this ends
+    with reading(controller, folder, DUMP + b"1.5,2") as running:
         controller.hang_up()
         out, err = running.communicate(timeout=30)
 

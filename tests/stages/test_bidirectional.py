@@ -4,6 +4,7 @@ import closed_forms as cf
 import h5py
 import numpy as np
 import pytest
+import truth
 
 from cmm_align.config import AlignConfig
 from cmm_align.errors import GeometryError
@@ -17,23 +18,7 @@ from cmm_align.surfaces.geometry import principal_curvatures, slope, unit_normal
 from cmm_align.surfaces.prescription import prescription_from_toml
 
 RADIUS = 1.5
-DOME = prescription_from_toml(
-    """
-schema = "cmm-align/prescription/1"
-[aperture]
-shape = "rectangle"
-width = 60.0
-height = 40.0
-[[term]]
-kind = "conic"
-radius = -60.0
-conic = -0.3
-[[term]]
-kind = "xy_polynomial"
-coefficients = { "1,0" = 0.02, "3,0" = 8e-5, "2,1" = 6e-5, "0,3" = -8e-5, "2,0" = -2e-3 }
-""",
-    "dome.toml",
-)
+DOME = prescription_from_toml(truth.DOME, "dome.toml")
 STEP = 0.8
 FLAT = Pose.identity("surface", "part")
 HOME = Pose.identity("part", "machine")

@@ -4,6 +4,7 @@ import closed_forms as cf
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from truth import DOME
 
 from cmm_align.config import AlignConfig, OffsetConfig
 from cmm_align.errors import UsageError, WrongStageError
@@ -19,26 +20,12 @@ from cmm_align.surfaces.geometry import principal_curvatures, slope, unit_normal
 from cmm_align.surfaces.prescription import prescription_from_toml
 
 RADIUS = 1.5
-WINDOW = """
-schema = "cmm-align/prescription/1"
-[aperture]
-shape = "rectangle"
-width = 60.0
-height = 40.0
-[[term]]
-kind = "conic"
-radius = -60.0
-conic = -0.3
-[[term]]
-kind = "xy_polynomial"
-coefficients = { "1,0" = 0.02, "3,0" = 8e-5, "2,1" = 6e-5, "0,3" = -8e-5, "2,0" = -2e-3 }
-"""
 SMALL = Pose(rotation_from_vector(np.radians([0.05, -0.03, 0.04])), np.array([0.1, -0.08, 0.05]), "m", "part")
 MOVED = replace(SMALL, target="machine")
 
 
 def window_with(nodes):
-    return offset(prescription_from_toml(WINDOW, "window.toml"), RADIUS, OffsetConfig(nodes=nodes))
+    return offset(prescription_from_toml(DOME, "window.toml"), RADIUS, OffsetConfig(nodes=nodes))
 
 
 @pytest.fixture(scope="module")
