@@ -148,6 +148,16 @@ class CompensateConfig:
     """Refuse a larger correction."""
     text_decimals: int = 6
     """Decimals, in mm, of the exported text."""
+    wheel_radius_mm: float = 0.0
+    """Radius of the grinding wheel where it is largest; 0 if it is not known."""
+    wheel_tip_radius_mm: float = 0.0
+    """Radius of the rounded rim of a toroidal wheel; 0 for a spherical one."""
+    wheel_axis: str = "y"
+    """Axis that a toroidal wheel turns about, in frame `part`: x, y, z, or a direction as "0, 0.6, 0.8"."""
+    depth_of_cut_um: float = 0.0
+    """Most that the pass takes off anywhere; 0 if it is not known."""
+    depth_margin_um: float = 2.0
+    """Least that it must take off everywhere, so that the wheel does not run in air."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +222,10 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "gain": (0.0, 1.2),
     "max_correction_um": (1e-6, 1e9),
     "text_decimals": (5, 12),
+    "wheel_radius_mm": (0.0, 1e4),
+    "wheel_tip_radius_mm": (0.0, 1e4),
+    "depth_of_cut_um": (0.0, 1e5),
+    "depth_margin_um": (0.0, 1e5),
 }
 """Least and largest value of each number; outside them a setting is a mistake."""
 
