@@ -10,6 +10,7 @@ The map of the house, in the order in which a measurement walks through it:
 - `cmm_align.stages` holds the four steps: `offset` (equidistant surface), `align` (pose and deviations),
   `error_map` (gridded deviations) and `compensate` (the surface to command next). Pure functions.
 - `cmm_align.numerics` is the mathematics below them: arrays in, arrays out.
+- `cmm_align.selftest` holds cases whose answer is known beforehand, for the user's own machine.
 - `cmm_align.report` draws; `cmm_align.cli` is the command line; `cmm_align.virtual` is a window, a CMM
   and a grinder whose truth is known.
 - `cmm_align.model`, `pose`, `units`, `config`, `errors` and `provenance` are the words all of them share.

@@ -35,6 +35,7 @@ DOORS = {
     "report": SHARED | {"surfaces"},
     "files": SHARED | {"io", "formats", "surfaces", "dialects", "device"},
     "virtual": {"surfaces", "pose", "units"},
+    "selftest": SHARED | {"surfaces", "numerics", "stages", "device", "virtual"},
 }
 """What each room may import from the package, itself always; `cli` may use all."""
 

@@ -37,6 +37,7 @@ COMMANDS: Final = {
     "compensate": "The surface to grind next, with its exports.",
     "capture": "Points from the controller's port, or from a recording of one.",
     "info": "What is in a file, and where it came from.",
+    "selftest": "Proof on this machine: known answers, and how near the software comes to them.",
     "demo": "The whole loop on built-in data, no machine needed.",
 }
 """Short help of each command; kept here so that the list needs none of their modules."""
