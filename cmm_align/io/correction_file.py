@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import json
-from typing import Final
+from typing import Any, Final, TypeVar
+
+import numpy as np
 
 from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.records import read_record, typed, write_record
-from cmm_align.io.safe_hdf5 import attribute, json_attribute, read_array, where_of
+from cmm_align.io.safe_hdf5 import attribute, find, json_attribute, read_array, where_of
 from cmm_align.io.surface_group import CARRIED, read_nominal_group, write_nominal_group
 from cmm_align.io.writing import write_array
-from cmm_align.model import Correction, Statistics
+from cmm_align.model import (
+    Correction,
+    CorrectionBand,
+    CorrectionLimits,
+    PassPrediction,
+    PassResponse,
+    Statistics,
+    frozen_array,
+)
+
+T = TypeVar("T")
 
 _GRIDS: Final = (
     "x_mm",
@@ -22,6 +34,10 @@ _GRIDS: Final = (
     "extended",
 )
 
+_MORE_GRIDS: Final = ("deviation_mm", "status")
+_RECORDS: Final = ("band", "limits", "prediction", "response")
+"""What files of older versions do not hold."""
+
 
 def write_body(file: h5py.File, noun: Correction) -> None:
     """Fill a file with a correction."""
@@ -29,8 +45,12 @@ def write_body(file: h5py.File, noun: Correction) -> None:
     grid = file.create_group("grid")
     for name in _GRIDS:
         write_array(grid, name, getattr(noun, name))
+    for name in _MORE_GRIDS:
+        if getattr(noun, name) is not None:
+            write_array(grid, name, getattr(noun, name))
     plan = file.create_group("plan")
     plan.attrs["gain"] = float(noun.gain)
+    plan.attrs["gain_rule"] = noun.gain_rule
     plan.attrs["pass_number"] = noun.pass_number
     plan.attrs["worth_another_pass"] = bool(noun.worth_another_pass)
     plan.attrs["reason"] = noun.reason
@@ -39,6 +59,9 @@ def write_body(file: h5py.File, noun: Correction) -> None:
     statistics = file.create_group("statistics")
     write_record(statistics.create_group("predicted"), noun.predicted)
     write_record(statistics.create_group("before"), noun.before)
+    for name in _RECORDS:
+        if getattr(noun, name) is not None:
+            write_record(plan.create_group(name), getattr(noun, name))
 
 
 def read_body(file: h5py.File) -> Correction:
@@ -53,6 +76,7 @@ def read_body(file: h5py.File) -> Correction:
     y = read_array(file, "/grid/y_mm", (None,), finite=True)
     shape = (len(y), len(x))
     maps = json_attribute(file, "/plan", "applied_maps")
+    new = find(file, "/grid/status") is not None
     return Correction(
         nominal=read_nominal_group(file, CARRIED),
         x_mm=x,
@@ -70,4 +94,22 @@ def read_body(file: h5py.File) -> Correction:
         reason=attribute(file, "/plan", "reason"),
         map_digest=attribute(file, "/plan", "map_digest"),
         applied_maps=typed(maps, tuple[str, ...], where_of(file, "/plan/@applied_maps")),
+        gain_rule=attribute(file, "/plan", "gain_rule") if new else "fixed",
+        deviation_mm=read_array(file, "/grid/deviation_mm", shape) if new else None,
+        status=_status(file, shape) if new else None,
+        band=_record(file, "band", CorrectionBand),
+        limits=_record(file, "limits", CorrectionLimits),
+        prediction=_record(file, "prediction", PassPrediction),
+        response=_record(file, "response", PassResponse),
     )
+
+
+def _status(file: h5py.File, shape: tuple[int, int]) -> Any:
+    """Return the codes of the nodes as they travel."""
+    return frozen_array(read_array(file, "/grid/status", shape, "i"), np.uint8)
+
+
+def _record(file: h5py.File, name: str, kind: type[T]) -> T | None:
+    """Return a record of the plan, None if the file has none."""
+    path = f"/plan/{name}"
+    return None if find(file, path) is None else read_record(file, path, kind)

@@ -111,6 +111,11 @@ DATASETS: Final[dict[str, Dataset]] = {
     "grid/total_correction_mm": Dataset("mm", "sum over all passes, relative to the nominal [iy, ix]"),
     "grid/commanded_z_mm": Dataset("mm", "height to command, frame surface [iy, ix]"),
     "grid/commanded_normal": Dataset("1", "unit normals of the commanded surface [iy, ix, 3]"),
+    "grid/status": Dataset(
+        "1",
+        "0 = from the map, 1 = beyond what was measured, 2 = hole bridged, 3 = too few points, 4 = outside "
+        "the region, 5 = continued past the range and held there [iy, ix]",
+    ),
     "grid/extended": Dataset("1", "nodes without data of their own, continued from neighbours [iy, ix]"),
 }
 """By the dataset's name and its group's."""

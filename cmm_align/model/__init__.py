@@ -8,6 +8,15 @@ projection direction is +z; the same as ``part`` unless the nominal lies on its 
 from __future__ import annotations
 
 from cmm_align.model.bidirectional import Bidirectional
+from cmm_align.model.correction import (
+    Correction,
+    CorrectionBand,
+    CorrectionLimits,
+    CorrectionStatus,
+    PassPrediction,
+    PassResponse,
+    ProcessTransfer,
+)
 from cmm_align.model.fit_report import FitReport, FitStep, FreeScale, PointStatus
 from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.monte_carlo import MonteCarlo, PointSpread, Spread
@@ -29,7 +38,6 @@ from cmm_align.model.pose_knowledge import PoseKnowledge
 from cmm_align.model.removed_motion import MotionLimits, RemovedMotion
 from cmm_align.model.results import (
     Alignment,
-    Correction,
     DeviationMap,
     LadderRung,
     MapFilter,
@@ -41,6 +49,9 @@ __all__ = [
     "Alignment",
     "Bidirectional",
     "Correction",
+    "CorrectionBand",
+    "CorrectionLimits",
+    "CorrectionStatus",
     "DeviationMap",
     "Equidistant",
     "Fiducials",
@@ -55,6 +66,8 @@ __all__ = [
     "MotionLimits",
     "Nominal",
     "NominalQuality",
+    "PassPrediction",
+    "PassResponse",
     "PointKind",
     "PointLimits",
     "PointSet",
@@ -62,6 +75,7 @@ __all__ = [
     "PointStatus",
     "PointWeights",
     "PoseKnowledge",
+    "ProcessTransfer",
     "RemovedMotion",
     "Spread",
     "Statistics",

@@ -1,8 +1,8 @@
-"""What the later stages found: pose and deviations, their map, the correction."""
+"""What the later stages found: pose and deviations, and their map."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,53 +155,3 @@ class DeviationMap:
     verdict_lines: tuple[str, ...] = ()
     filter: MapFilter | None = None
     low_orders: LowOrders | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Correction:
-    """The surface to command next, on a grid in frame `surface`.
-
-    Attributes
-    ----------
-    nominal : Nominal
-    x_mm, y_mm : ndarray, shape (nx,), (ny,), mm, frame `surface`
-    correction_mm : ndarray, shape (ny, nx), mm
-        Along the normal, ``-gain * deviation``: negative removes material.
-    total_correction_mm : ndarray, shape (ny, nx), mm
-        Sum over all passes, relative to the nominal, along the normal.
-    commanded_z_mm : ndarray, shape (ny, nx), mm
-        Height to command in frame `surface`.
-    commanded_normal : ndarray, shape (ny, nx, 3), frame `surface`
-        Unit normals of the commanded surface.
-    extended : ndarray of bool, shape (ny, nx)
-        Nodes without data of their own, continued from their neighbours.
-    gain : float
-    pass_number : int
-        1 for the first compensation.
-    predicted : Statistics
-        Deviations of the points after the next pass, if the machine cuts what it is told.
-    before : Statistics
-        Deviations of the points now.
-    worth_another_pass : bool
-    reason : str
-    map_digest : str
-        SHA-256 of the map's deviations; a map is never applied twice.
-    """
-
-    nominal: Nominal
-    x_mm: Array
-    y_mm: Array
-    correction_mm: Array
-    total_correction_mm: Array
-    commanded_z_mm: Array
-    commanded_normal: Array
-    extended: Mask
-    gain: float
-    pass_number: int
-    predicted: Statistics
-    before: Statistics
-    worth_another_pass: bool
-    reason: str
-    map_digest: str
-    applied_maps: tuple[str, ...] = field(default=())
-    """Digests of the maps of all earlier passes, oldest first."""

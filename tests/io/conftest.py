@@ -12,6 +12,8 @@ import pytest
 from cmm_align.model import (
     Alignment,
     Correction,
+    CorrectionBand,
+    CorrectionLimits,
     DeviationMap,
     Equidistant,
     FitReport,
@@ -19,8 +21,12 @@ from cmm_align.model import (
     LadderRung,
     Nominal,
     NominalQuality,
+    PassPrediction,
+    PassResponse,
+    ProcessTransfer,
     Statistics,
     Verdict,
+    frozen_array,
 )
 from cmm_align.pose import Pose, rotation_from_vector
 from cmm_align.provenance import InputFile, Step
@@ -169,6 +175,19 @@ def _correction() -> Correction:
         reason="below the noise: 0.2 µm",
         map_digest="cd" * 32,
         applied_maps=("ef" * 32,),
+        gain_rule="wiener",
+        deviation_mm=_frozen(rng.normal(size=(12, 40))),
+        status=frozen_array(rng.integers(0, 6, size=(12, 40)), np.uint8),
+        band=CorrectionBand(
+            8.0, "noise", 4.0, 8.0, 0.0, (0.01, 0.1, 0.2), (1.0, 0.6, 0.1), "waves over 8 mm"
+        ),
+        limits=CorrectionLimits(
+            0.01, 1e-3, (2.0, 1.0), 0.02, 0.03, 10.0, 5, 4, 3, 2, 1, "circle", ("steep",)
+        ),
+        prediction=PassPrediction(
+            *np.linspace(1e-3, 1e-2, 10).tolist(), ProcessTransfer((5.0, 20.0), (0.5, 0.9), 0.05, known=True)
+        ),
+        response=PassResponse(0.9, 0.02, 5e-3, 1e-3, 400, "as told"),
     )
 
 
