@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cmm_align.errors import InputError, OutputError
-from cmm_align.io.atomic import atomic_path, check_writable
+from cmm_align.io.atomic import atomic_path
 from cmm_align.io.hdf5_library import h5py
+from cmm_align.io.patient_file import PatientFile, uninterrupted
 from cmm_align.io.safe_hdf5 import MAX_VALUES, dataset, opened
 from cmm_align.io.schema import DATASETS, VERSION
 from cmm_align.provenance import Step, program_version
@@ -29,7 +30,6 @@ _TRIAL_VALUES: Final = 1_000_000
 """From this on a sample decides whether a dataset is compressed."""
 _SAMPLE_BYTES = 1 << 16
 _WORTH_IT: Final = 0.8
-_MEMORY_BLOCK: Final = 16 << 20
 
 
 @contextlib.contextmanager
@@ -41,23 +41,26 @@ def new_file(path: Path | str, schema: str, steps: Sequence[Step], overwrite: bo
     OutputError
         If it cannot be written, exists, or is locked by another run.
     """
-    check_writable(path, overwrite)
-    # HDF5 crashes the process when a disk is full (h5py issue 914), so it works in memory, and the bytes
-    # are written by Python.
-    with h5py.File("memory", "w", driver="core", backing_store=False, block_size=_MEMORY_BLOCK) as file:
-        file.attrs["schema"] = schema
-        file.attrs["schema_version"] = VERSION
-        file.attrs["created_by"] = f"cmm-align {program_version()}"
-        yield file
-        _write_steps(file, steps)
-        written = _shapes(file)
-        file.attrs["complete"] = True
-        file.flush()
-        image = file.id.get_file_image()
-    with atomic_path(
-        path, overwrite, verify=lambda temporary: _verify(temporary, written, str(path))
-    ) as temporary:
-        temporary.write_bytes(image)
+    written: dict[str, tuple[int, ...]] = {}
+    with (
+        atomic_path(path, overwrite, verify=lambda made: _verify(made, written, str(path))) as temporary,
+        contextlib.closing(PatientFile(temporary)) as stream,
+    ):
+        try:
+            with uninterrupted(), h5py.File(stream, "w") as file:
+                file.attrs["schema"] = schema
+                file.attrs["schema_version"] = VERSION
+                file.attrs["created_by"] = f"cmm-align {program_version()}"
+                yield file
+                _write_steps(file, steps)
+                written |= _shapes(file)
+                file.attrs["complete"] = True
+        except Exception:
+            if stream.error is None:
+                raise  # else it follows from that one
+        stream.close()
+        if stream.error is not None:
+            raise stream.error
 
 
 def write_array(group: h5py.Group, name: str, values: ArrayLike, *, noun: str = "") -> None:

@@ -9,9 +9,6 @@ coma, trefoil and spherical aberration, each in one scale for x and y so that th
 rectangle that is no square; then piston and tilt, of which the rigid motions leave little; then the rest.
 Power comes before piston because on a strongly curved surface a piston *is* mostly power: there a rigid
 motion takes away n_z and not 1.
-
-Coefficients are means over nodes, and nodes of a local regression share points: `handed_noise` says what the
-noise of the points adds to such a mean.
 """
 
 from __future__ import annotations
@@ -21,17 +18,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.ndimage import uniform_filter
 
-from cmm_align.numerics.local_regression import (
-    _EXPONENTS,
-    _INDEX,
-    LocalFit,
-    _cell_moments,
-    _shift_matrix,
-    _window_moments,
-)
+from cmm_align.numerics.chunked import chunks
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,8 +52,6 @@ _GROUPS: Final = 6
 """Groups n + |m| = 0, 2 ... 10 of the Fringe list: 36 polynomials."""
 _DEGREE: Final = 7
 """Products of Legendre polynomials up to this total degree: 36 too."""
-_PRODUCTS: Final = np.array([[_INDEX[a + c, b + d] for c, d in _EXPONENTS[:6]] for a, b in _EXPONENTS[:6]])
-"""Where the moment of each product of two of the six quadratic monomials stands."""
 
 
 class Outline(NamedTuple):
@@ -187,25 +173,42 @@ def zernike(n: int, m: int, u: Array, v: Array) -> Array:
     """
     order = abs(m)
     around = (u + 1j * v) ** order
-    from scipy.special import eval_jacobi  # slow to import
-
-    radial = eval_jacobi((n - order) // 2, 0, order, 2.0 * (u * u + v * v) - 1.0)
+    radial = _jacobi((n - order) // 2, order, 2.0 * (u * u + v * v) - 1.0)
     return np.asarray(radial * (around.imag if m < 0 else around.real), dtype=np.float64)
 
 
-def orthonormalised(columns: Array, least_new: float = LEAST_NEW) -> tuple[Array, Mask]:
-    """Return columns with ``mean(q_i q_j) = delta_ij``: each the given one, less all before it.
+def _jacobi(k: int, b: int, x: Array) -> Array:
+    """Return ``P_k^(0,b)(x)`` by its recurrence in k: NIST DLMF 18.9.1 with 18.9.2, alpha = 0."""
+    before, now = np.zeros_like(x), np.ones_like(x)
+    for j in range(k):
+        twice = 2 * j + b
+        if j == 0:
+            after = 0.5 * ((b + 2) * x - b)
+        else:
+            after = (twice + 1) * ((twice * (twice + 2)) * x - b * b) * now
+            after -= 2 * j * (j + b) * (twice + 2) * before
+            after /= 2 * (j + 1) * (j + b + 1) * twice
+        before, now = now, after
+    return now
+
+
+def orthonormalised(
+    columns: Array, least_new: float = LEAST_NEW, weights: Array | None = None
+) -> tuple[Array, Mask]:
+    """Return columns with ``mean(w q_i q_j) = delta_ij``: each the given one, less all before it.
 
     Parameters
     ----------
     columns : ndarray, shape (n, m), n >= m
     least_new : float
         A column that keeps less than this share of itself is no new shape.
+    weights : ndarray, shape (n,), optional
+        The w above, mean 1; without it, all alike.
 
     Returns
     -------
     q : ndarray, shape (n, m)
-        Zero where a column is no new shape. ``mean(q_i field)`` is the coefficient of a field, in its unit;
+        Zero where a column is no new shape. ``mean(w q_i field)`` is the coefficient of a field, in its unit;
         its square is that shape's share of the mean square.
     fresh : ndarray of bool, shape (m,)
 
@@ -215,19 +218,30 @@ def orthonormalised(columns: Array, least_new: float = LEAST_NEW) -> tuple[Array
     error analysis of the CholeskyQR2 algorithm", ETNA 44, 2015), and several times as fast on many places. A
     column that is no new shape is left out of the factor, so that no other is freed of its rounding.
     """
-    n, m = columns.shape
-    gram = columns.T @ columns / n
+    m = columns.shape[1]
+    gram = _gram(columns, np.eye(m), weights)
     lengths = np.sqrt(np.diag(gram))
     fresh = lengths > 0.0
     lengths = np.where(fresh, lengths, 1.0)
     lower, fresh = _cholesky(gram / np.outer(lengths, lengths), least_new**2)
     mixing = np.zeros((m, m))
     mixing[np.ix_(fresh, fresh)] = np.linalg.inv(lower).T / lengths[fresh, None]
-    q = columns @ mixing
-    lower, _ = _cholesky((q.T @ q / n)[np.ix_(fresh, fresh)], 0.0)
+    lower, _ = _cholesky(_gram(columns, mixing, weights)[np.ix_(fresh, fresh)], 0.0)
     again = np.zeros((m, m))
     again[np.ix_(fresh, fresh)] = np.linalg.inv(lower).T
-    return np.asarray(q @ again, dtype=np.float64), fresh
+    q = np.empty_like(columns)
+    for part in chunks(len(q)):
+        q[part] = columns[part] @ mixing @ again
+    return q, fresh
+
+
+def _gram(columns: Array, mixing: Array, weights: Array | None) -> Array:
+    """Return the weighted mean products of mixed columns, shape (m, m)."""
+    total = np.zeros_like(mixing)
+    for part in chunks(len(columns)):
+        q = columns[part] @ mixing
+        total += (q if weights is None else q * weights[part, None]).T @ q
+    return total / len(columns)
 
 
 def node_widths(nodes: Array, low: float, high: float) -> Array:
@@ -254,91 +268,16 @@ def node_widths(nodes: Array, low: float, high: float) -> Array:
     return widths
 
 
-def handed_noise(
-    x: Array,
-    y: Array,
-    x_nodes: Array,
-    y_nodes: Array,
-    fit: LocalFit,
-    known: Mask,
-    *,
-    half_width: float = 1.5,
-) -> Array:
-    """Return the variance that noise of the points hands to the sum of the known nodes, node by node.
-
-    With h of this function ``var(sum_j q_j value_j) = sum_j q_j^2 h_j`` for any q that changes little within
-    a window, whatever points its nodes share and however unevenly they lie.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (N,)
-        Places of the points, as given to `local_regression`.
-    x_nodes, y_nodes : ndarray, shape (nx,), (ny,)
-    fit : LocalFit
-        Its answer.
-    known : ndarray of bool, shape (ny, nx)
-        Nodes that count; known to the fit.
-    half_width : float
-        As given to `local_regression`.
-
-    Returns
-    -------
-    ndarray, shape (ny, nx)
-        Square of the unit of the values; zero where not known.
-
-    Notes
-    -----
-    The value of a node is ``sum_i lambda . phi(x_i - x_node) e_i`` with lambda the first row of the inverse
-    of its normal matrix. So a point at p in cell m adds ``a = sum_j lambda_j . phi(p + m - j)`` to the sum, a
-    quadratic of p alone in each cell; the sum of its square over the points of the cell, by the moments of
-    the cell, times the variance of a point is the answer. A cell whose own node does not count hands its
-    share to the nodes in reach.
-    """
-    reach = max(1, int(half_width))
-    u = (x - x_nodes[0]) / (x_nodes[1] - x_nodes[0]) + reach
-    v = (y - y_nodes[0]) / (y_nodes[1] - y_nodes[0]) + reach
-    ny, nx = known.shape
-    cells = _cell_moments(u, v, np.zeros_like(x), (ny + 2 * reach, nx + 2 * reach))
-    pull = np.zeros((6, ny, nx))
-    pull[:, known] = _pull(_window_moments(cells, reach).powers[:, known], fit.quadratic[known])
-    added = np.zeros((6, ny + 2 * reach, nx + 2 * reach))
-    for sy in range(-reach, reach + 1):
-        for sx in range(-reach, reach + 1):
-            there = np.s_[:, reach + sy : reach + sy + ny, reach + sx : reach + sx + nx]
-            added[there] += np.tensordot(_shift_matrix((sx, sy))[:6, :6].T, pull, 1)
-    squares = np.einsum("ayx,abyx,byx->yx", added, cells.powers[_PRODUCTS], added, optimize=True)
-    width = 2 * reach + 1
-    counted = np.pad(known, reach).astype(np.float64)
-    in_reach = uniform_filter(counted, width, mode="constant")
-    strays = np.where((counted == 0.0) & (in_reach > 0.5 / width**2), squares, 0.0)
-    strays /= np.maximum(in_reach, 1.0 / width**2)
-    squares += uniform_filter(strays, width, mode="constant")
-    variance = np.where(known, fit.sigma**2 / fit.leverage, 0.0)
-    return np.asarray(squares[reach : reach + ny, reach : reach + nx] * variance, dtype=np.float64)
-
-
-def _pull(powers: Array, quadratic: Mask) -> Array:
-    """Return the first rows of the inverse normal matrices, shape (6, n); plane ones end in zeros."""
-    gram = np.moveaxis(powers[_PRODUCTS], 2, 0)
-    plane = np.flatnonzero(~quadratic)
-    gram[plane, 3:, :] = 0.0
-    gram[plane, :, 3:] = 0.0
-    gram[plane, 3:, 3:] = np.eye(3)
-    return np.asarray(np.linalg.solve(gram, np.eye(6)[:, :1])[..., 0].T, dtype=np.float64)
-
-
 def _cholesky(gram: Array, least: float) -> tuple[Array, Mask]:
     """Return the Cholesky factor of the rows whose pivot exceeds `least`, and which rows those are."""
     m = len(gram)
-    lower = np.zeros((m, m))
-    fresh = np.zeros(m, dtype=np.bool_)
+    lower, rest = np.zeros((m, m)), gram.copy()
+    fresh = np.diag(rest) > least
     for k in range(m):
-        before = np.flatnonzero(fresh)
-        row = solve_triangular(lower[np.ix_(before, before)], gram[before, k], lower=True)
-        pivot = float(gram[k, k] - row @ row)
-        fresh[k] = pivot > least
+        fresh[k] = rest[k, k] > least
         if fresh[k]:
-            lower[k, before], lower[k, k] = row, np.sqrt(pivot)
+            lower[k:, k] = rest[k:, k] / np.sqrt(rest[k, k])
+            rest[k:, k:] -= np.outer(lower[k:, k], lower[k:, k])
     return lower[np.ix_(fresh, fresh)], fresh
 
 

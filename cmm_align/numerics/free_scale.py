@@ -12,8 +12,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.foot_point import Feet
-from cmm_align.numerics.linearisation import in_threads, moved, rows_of, total_weight
+from cmm_align.numerics.linearisation import moved, rows_of, total_weight
 from cmm_align.numerics.rigid_fit import FitResult
 from cmm_align.numerics.steering import DatumTerms, Placement, Steering, datum_rows
 

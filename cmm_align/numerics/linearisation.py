@@ -9,24 +9,19 @@ summed in a fixed order: the same input gives the same bits.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from typing import Final, NamedTuple, TypeVar
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.steering import FREELY, Steering, datum_rows
 from cmm_align.numerics.steering import Placement as Placement  # noqa: PLC0414 - also from here
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-T = TypeVar("T")
-
-CHUNK: Final = 16384
-"""Points handled at once: temporaries stay in cache. Fixed, so that sums are reproducible."""
 
 _CURVATURE_SAMPLE: Final = 8192
 _GOLDEN: Final = 0.6180339887498949
@@ -58,11 +53,6 @@ class Evaluation(NamedTuple):
     """What datum terms add to `normal_matrix`, shape (6, 6)."""
 
 
-def chunks(n: int) -> Iterator[slice]:
-    """Cut n points into slices of `CHUNK`."""
-    return (slice(k, min(k + CHUNK, n)) for k in range(0, n, CHUNK))
-
-
 def even_sample(n: int, most: int) -> NDArray[np.intp]:
     """Return at most `most` of n indices, evenly spread but in no step with scan lines.
 
@@ -73,16 +63,6 @@ def even_sample(n: int, most: int) -> NDArray[np.intp]:
         return np.arange(n)
     k, stretch = np.arange(most), n / most
     return (k * stretch + (k * _GOLDEN) % 1.0 * (stretch - 1.0)).astype(np.intp)  # a whole step apart or more
-
-
-def in_threads(work: Callable[[slice], T], n: int) -> list[T]:
-    """Run `work` on every chunk, on all cores, and return the results in the order of the chunks."""
-    parts = list(chunks(n))
-    workers = min(len(parts), os.cpu_count() or 1, 8)
-    if workers <= 1:
-        return [work(part) for part in parts]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(work, parts))
 
 
 def moved(points_mm: Array, placement: Placement) -> Array:

@@ -19,6 +19,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.chunked import in_threads
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Counts = NDArray[np.int64]
@@ -41,10 +43,13 @@ _PRIOR_FREEDOM: Final = 20.0
 _CHUNK: Final = 1 << 18
 """Points reduced at a time."""
 
-_EXPONENTS: Final = [(i, d - i) for d in range(5) for i in range(d, -1, -1)]
+_NODES_AT_ONCE: Final = 8192
+"""Nodes solved at a time: their moments stay in cache."""
+
+EXPONENTS: Final = [(i, d - i) for d in range(5) for i in range(d, -1, -1)]
 """Exponents of the 15 monomials u^a v^b up to degree 4; the first 6 are the quadratic ones."""
 
-_INDEX: Final = {exponents: k for k, exponents in enumerate(_EXPONENTS)}
+INDEX: Final = {exponents: k for k, exponents in enumerate(EXPONENTS)}
 
 _LINEAR: Final = [(1, 0), (0, 1), (0, 0)]
 _QUADRATIC: Final = [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (0, 0)]
@@ -69,6 +74,9 @@ class LocalFit:
     scatter : float
         Standard deviation of a single point about the local polynomials, median over the nodes;
         NaN if no window holds more points than coefficients.
+    powers : ndarray, shape (15, ny + 2 reach, nx + 2 reach)
+        Sums of ``u^a v^b`` over the points of each cell about its middle, in steps: `EXPONENTS`. The cells
+        in reach of the border are among them.
     """
 
     value: Array
@@ -77,9 +85,10 @@ class LocalFit:
     count: Counts
     quadratic: Mask
     scatter: float
+    powers: Array
 
 
-class _Moments(NamedTuple):
+class Moments(NamedTuple):
     """Sums over points, per cell or per window."""
 
     powers: Array
@@ -122,39 +131,56 @@ def local_regression(
     LocalFit
         A quadratic is reproduced to rounding everywhere, the border included.
     """
-    reach = max(1, int(half_width))
+    reach = reach_of(half_width)
     u = (x - x_nodes[0]) / (x_nodes[1] - x_nodes[0])
     v = (y - y_nodes[0]) / (y_nodes[1] - y_nodes[0])
     offset = float(np.mean(values)) if len(values) else 0.0
     shape = (len(y_nodes) + 2 * reach, len(x_nodes) + 2 * reach)
     cells = _cell_moments(u + reach, v + reach, values - offset, shape)
-    window = _window_moments(cells, reach)
-    quadratic = _solved(window, _QUADRATIC, MIN_POINTS_QUADRATIC)
-    linear = _solved(window, _LINEAR, MIN_POINTS_LINEAR)
-    curved = quadratic.leverage <= MAX_LEVERAGE
-    leverage = np.where(curved, quadratic.leverage, linear.leverage)
+    ny, nx = len(y_nodes), len(x_nodes)
+    value, leverage, squares, freedom = (np.empty((ny, nx)) for _ in range(4))
+    count, curved = np.empty((ny, nx), dtype=np.int64), np.empty((ny, nx), dtype=np.bool_)
+
+    def solve(rows: slice) -> None:
+        window = window_moments(
+            Moments(*(part[:, rows.start : rows.stop + 2 * reach] for part in cells)), reach
+        )
+        quadratic = _solved(window, _QUADRATIC, MIN_POINTS_QUADRATIC)
+        linear = _solved(window, _LINEAR, MIN_POINTS_LINEAR)
+        curved[rows] = quadratic.leverage <= MAX_LEVERAGE
+        count[rows] = window.powers[0]
+        for whole, one, other in zip((value, leverage, squares, freedom), quadratic, linear, strict=True):
+            whole[rows] = np.where(curved[rows], one, other)
+
+    in_threads(solve, ny, rows_at_once(nx))
     rim = slice(reach - 1, 1 - reach or None)
     known = _supported(cells.powers[0, rim, rim] > 0.0) & (leverage <= MAX_LEVERAGE)
-    scatter, variance = _pooled_variance(
-        np.where(curved, quadratic.squares, linear.squares),
-        np.where(curved, quadratic.freedom, linear.freedom),
-        known,
-    )
-    value = np.where(curved, quadratic.value, linear.value) + offset
+    scatter, variance = _pooled_variance(squares, freedom, known)
     return LocalFit(
-        value=np.where(known, value, np.nan),
+        value=np.where(known, value + offset, np.nan),
         sigma=np.where(known, np.sqrt(variance * np.where(known, leverage, 0.0)), np.nan),
         leverage=leverage,
-        count=window.powers[0].astype(np.int64),
+        count=count,
         quadratic=curved & known,
         scatter=scatter,
+        powers=cells.powers,
     )
 
 
-def _cell_moments(u: Array, v: Array, values: Array, shape: tuple[int, int]) -> _Moments:
+def reach_of(half_width: float) -> int:
+    """Return how many cells a window holds on either side of its middle one."""
+    return max(1, int(half_width))
+
+
+def rows_at_once(nx: int) -> int:
+    """Return how many rows of a grid are handled at a time."""
+    return max(1, _NODES_AT_ONCE // nx)
+
+
+def _cell_moments(u: Array, v: Array, values: Array, shape: tuple[int, int]) -> Moments:
     """Return moments about the centre of each cell; points outside all cells are left out."""
     ny, nx = shape
-    powers = np.zeros((len(_EXPONENTS), ny * nx))
+    powers = np.zeros((len(EXPONENTS), ny * nx))
     products = np.zeros((7, ny * nx))
     for start in range(0, len(u), _CHUNK):
         part = slice(start, start + _CHUNK)
@@ -167,59 +193,67 @@ def _cell_moments(u: Array, v: Array, values: Array, shape: tuple[int, int]) -> 
         for _ in range(3):
             p_powers.append(p_powers[-1] * p)
             q_powers.append(q_powers[-1] * q)
-        for k, (a, b) in enumerate(_EXPONENTS):
+        for k, (a, b) in enumerate(EXPONENTS):
             weight = p_powers[a] * q_powers[b]
             powers[k] += np.bincount(cell, weight, ny * nx)
             if k < 6:
                 products[k] += np.bincount(cell, weight * z, ny * nx)
         products[6] += np.bincount(cell, z * z, ny * nx)
-    return _Moments(powers.reshape(-1, ny, nx), products.reshape(-1, ny, nx))
+    return Moments(powers.reshape(-1, ny, nx), products.reshape(-1, ny, nx))
 
 
-def _window_moments(cells: _Moments, reach: int) -> _Moments:
-    """Return moments of the square windows of ``2 reach + 1`` cells, about their middle nodes."""
+def window_moments(cells: Moments, reach: int) -> Moments:
+    """Return moments of the square windows of ``2 reach + 1`` cells, about their middle nodes.
+
+    Parameters
+    ----------
+    cells : Moments
+        Of the cells of the nodes and those in reach around them.
+    reach : int
+        See `reach_of`.
+    """
     powers, products = cells
-    for axis, along in ((2, (1, 0)), (1, (0, 1))):
+    for axis, along in ((1, (0, 1)), (2, (1, 0))):
         n = powers.shape[axis] - 2 * reach
         sums = [np.zeros(1)] * 2
         for step in range(-reach, reach + 1):
-            shift = _shift_matrix((step * along[0], step * along[1]))
+            shift = shift_matrix((step * along[0], step * along[1]))
             shift_products = np.eye(7)
             shift_products[:6, :6] = shift[:6, :6]
             index = np.arange(reach + step, reach + step + n)
             sums[0] = sums[0] + np.tensordot(shift, powers.take(index, axis), 1)
             sums[1] = sums[1] + np.tensordot(shift_products, products.take(index, axis), 1)
         powers, products = sums
-    return _Moments(powers, products)
+    return Moments(powers, products)
 
 
-def _shift_matrix(step: tuple[int, int]) -> Array:
+def shift_matrix(step: tuple[int, int]) -> Array:
     """Return the matrix, shape (15, 15), that gives moments about a point `step` cells away.
 
     ``(u + s)^a (v + t)^b = sum C(a, i) s^(a-i) C(b, j) t^(b-j) u^i v^j``.
     """
-    matrix = np.zeros((len(_EXPONENTS), len(_EXPONENTS)))
-    for row, (a, b) in enumerate(_EXPONENTS):
+    matrix = np.zeros((len(EXPONENTS), len(EXPONENTS)))
+    for row, (a, b) in enumerate(EXPONENTS):
         for i in range(a + 1):
             for j in range(b + 1):
-                matrix[row, _INDEX[i, j]] = comb(a, i) * step[0] ** (a - i) * comb(b, j) * step[1] ** (b - j)
+                matrix[row, INDEX[i, j]] = comb(a, i) * step[0] ** (a - i) * comb(b, j) * step[1] ** (b - j)
     return matrix
 
 
-def _solved(window: _Moments, terms: list[tuple[int, int]], min_points: int) -> _Solution:
+def _solved(window: Moments, terms: list[tuple[int, int]], min_points: int) -> _Solution:
     """Return the constants of least-squares polynomials by elimination with the constant last."""
     n = len(terms)
     a = [
-        [window.powers[_INDEX[i[0] + j[0], i[1] + j[1]]].copy() for j in terms[: k + 1]]
+        [window.powers[INDEX[i[0] + j[0], i[1] + j[1]]].copy() for j in terms[: k + 1]]
         for k, i in enumerate(terms)
     ]
-    b = [window.products[_INDEX[i]].copy() for i in terms]
+    b = [window.products[INDEX[i]].copy() for i in terms]
     count = window.powers[0]
     sound = count >= min_points
     explained = np.zeros_like(count)
     pivot = np.ones_like(count)
     for k in range(n):
-        diagonal = window.powers[_INDEX[2 * terms[k][0], 2 * terms[k][1]]]
+        diagonal = window.powers[INDEX[2 * terms[k][0], 2 * terms[k][1]]]
         sound &= a[k][k] > _MIN_PIVOT * diagonal
         pivot = np.where(sound, a[k][k], 1.0)
         explained += b[k] ** 2 / pivot

@@ -36,7 +36,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from cmm_align.errors import UsageError
 from cmm_align.numerics.linearisation import even_sample
@@ -174,6 +173,8 @@ def error_factors(
     factor, until every remainder is below `REMAINDER`. The variance of each touch is exact; the covariance of
     two is wrong by ``sqrt(r_i r_j)`` at most, r being the remainders, for these form a covariance themselves.
     """
+    from scipy.linalg import solve_triangular  # slow to import
+
     sample = even_sample(len(points_mm), CANDIDATES)
     chosen, triangle = _pivots(error, points_mm[sample], normals[sample], most)
     points, there = points_mm[sample][chosen], normals[sample][chosen]

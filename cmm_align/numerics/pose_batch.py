@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.numerics.linearisation import CHUNK, Measure
+from cmm_align.numerics.chunked import CHUNK
+from cmm_align.numerics.linearisation import Measure
 from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.pose_starts import Starts
 from cmm_align.numerics.rigid_fit import FitSettings

@@ -14,13 +14,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import (
     Evaluation,
     Measure,
     curvature_term,
     evaluate,
-    in_threads,
     moved,
     rows_of,
     total_weight,

@@ -12,8 +12,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.foot_point import Feet
-from cmm_align.numerics.linearisation import Evaluation, Placement, in_threads, moved, rows_of
+from cmm_align.numerics.linearisation import Evaluation, Placement, moved, rows_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import GeometryError, UsageError
@@ -30,7 +31,9 @@ from cmm_align.model import (
     Verdict,
     frozen_array,
 )
-from cmm_align.numerics.aperture_basis import handed_noise, node_widths
+from cmm_align.numerics.aperture_basis import node_widths
+from cmm_align.numerics.chunked import in_threads
+from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import LocalFit, local_regression
 from cmm_align.numerics.point_density import filled_box
 from cmm_align.stages.deviation_statistics import deviation_statistics
@@ -59,6 +62,8 @@ class _Places(NamedTuple):
     x_mm: Array
     y_mm: Array
     deviation_mm: Array
+    rows: NDArray[np.intp]
+    """Their rows among the points of the alignment."""
 
 
 def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> DeviationMap:
@@ -150,10 +155,17 @@ def _places(alignment: Alignment) -> _Places:
             expected="points over the nominal's aperture",
             remedy="look at the alignment with cmm-align info",
         )
-    deviation = alignment.deviation_mm[judged]
-    foot_part = alignment.contact_part_mm[judged] - deviation[:, None] * alignment.normals[judged]
-    foot = alignment.nominal.surface_from_part.apply(foot_part)
-    return _Places(np.ascontiguousarray(foot[:, 0]), np.ascontiguousarray(foot[:, 1]), deviation)
+    rows = np.flatnonzero(judged)
+    x, y, deviation = (np.empty(len(rows)) for _ in range(3))
+
+    def place(part: slice) -> None:
+        row = rows[part]
+        deviation[part] = alignment.deviation_mm[row]
+        foot_part = alignment.contact_part_mm[row] - deviation[part, None] * alignment.normals[row]
+        x[part], y[part], _ = alignment.nominal.surface_from_part.apply(foot_part).T
+
+    in_threads(place, len(rows))
+    return _Places(x, y, deviation, rows)
 
 
 def _step(places: _Places, config: ErrorMapConfig) -> float:
@@ -216,7 +228,7 @@ def _with_machine(
     """
     if alignment.sigma_mm is None:
         return fit.sigma
-    stated = alignment.sigma_mm[alignment.judged & np.isfinite(alignment.deviation_mm)]
+    stated = alignment.sigma_mm[places.rows]
     if alignment.report.monte_carlo is None:
         rms = float(np.sqrt(np.mean(stated**2)))
         return fit.sigma * max(1.0, rms / fit.scatter) if fit.scatter > 0.0 else fit.sigma
@@ -238,7 +250,7 @@ def _low_orders(
     ]
     weights = np.outer(widths[1], widths[0])
     known = np.isfinite(deviation)
-    noise_mm2 = handed_noise(places.x_mm, places.y_mm, *axes, fit, known, half_width=window)
+    noise_mm2 = handed_noise(fit, known, half_width=window)
     return low_orders(alignment, *axes, deviation, noise_mm2, weights), weights
 
 
@@ -257,11 +269,16 @@ def _u_rms(
         return noise
     kept = sigma[np.isfinite(sigma)]
     bias = float(np.mean(kept**2)) / (2.0 * rms) if len(kept) else 0.0
-    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
-    centres, normals = alignment.tip_centre_part_mm[judged], alignment.normals[judged]
-    push = places.deviation_mm[:, None] * normals
-    turn = np.cross(centres - alignment.centroid_mm, push).sum(axis=0)
-    gradient = np.concatenate([turn, push.sum(axis=0)]) / (len(push) * rms)
+    centroid = alignment.centroid_mm
+
+    def pushed(part: slice) -> Array:
+        row = places.rows[part]
+        push = places.deviation_mm[part, None] * alignment.normals[row]
+        turn = np.cross(alignment.tip_centre_part_mm[row] - centroid, push)
+        return np.concatenate([turn.sum(axis=0), push.sum(axis=0)])
+
+    n = len(places.rows)
+    gradient = np.sum(in_threads(pushed, n), axis=0) / (n * rms)
     pose = float(gradient @ np.nan_to_num(alignment.covariance) @ gradient)
     return float(np.sqrt(noise**2 + bias**2 + max(pose, 0.0)))
 

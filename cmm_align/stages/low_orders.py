@@ -39,6 +39,7 @@ from cmm_align.numerics.aperture_basis import (
     orthonormalised,
     outline_of,
 )
+from cmm_align.numerics.chunked import chunks
 from cmm_align.numerics.linearisation import even_sample
 from cmm_align.numerics.machine_error import error_factors, machine_error
 from cmm_align.numerics.observability import spectrum
@@ -138,17 +139,17 @@ def low_orders(
     )
     outline = outline_of(x_mm, y_mm, known)
     motions = _motion_columns(alignment, nodes)
-    shapes = low_order_shapes(outline, nodes.points_mm[:, 0], nodes.points_mm[:, 1])
     n, n_rigid = len(nodes.deviation_mm), motions.shape[1]
     ends = [0, n_rigid, *(n_rigid + count for _, count in _RUNGS)]
     carried = max(end for end in ends if end * NODES_PER_TERM <= n)
-    raw = np.hstack([motions, shapes.columns])[:, :carried]
-    root = np.sqrt(nodes.weight)[:, None]
-    q, fresh = orthonormalised(raw * root)
-    q /= root
-    pull = q * nodes.weight[:, None] / n
-    covariance = (pull.T * noise_mm2[known]) @ pull + _common_covariance(alignment, nodes, q)  # eq. (1)
-    coefficients = pull.T @ nodes.deviation_mm
+    raw = np.empty((n, carried))
+    raw[:, :n_rigid] = motions[:, :carried]
+    for part in chunks(n):
+        shapes = low_order_shapes(outline, *nodes.points_mm[part, :2].T)
+        raw[part, n_rigid:] = shapes.columns[:, : max(carried - n_rigid, 0)]
+    q, fresh = orthonormalised(raw, weights=nodes.weight)
+    coefficients, covariance = _coefficients(q, nodes, noise_mm2[known])
+    covariance += _common_covariance(alignment, nodes, q)  # eq. (1)
     fit = _Fit(shapes.names, raw, q, nodes.weight, fresh, n_rigid, coefficients, covariance)
     rungs = _rungs(fit, nodes.deviation_mm, [end for end in ends if end <= carried])
     kinds = _kinds(fit, rungs)
@@ -189,6 +190,17 @@ def _motion_columns(alignment: Alignment, nodes: _Nodes) -> Array:
     named = np.arange(6) < len(alignment.report.unobservable)
     kept = spectral.motions[:, ~(spectral.free | named)]
     return np.asarray(rows @ kept[:, ::-1], dtype=np.float64)
+
+
+def _coefficients(q: Array, nodes: _Nodes, noise_mm2: Array) -> tuple[Array, Array]:
+    """Return the coefficients of the shapes, mm, and their covariance from the noise of the points, mm^2."""
+    n, m = q.shape
+    coefficients, covariance = np.zeros(m), np.zeros((m, m))
+    for part in chunks(n):
+        pull = q[part].T * (nodes.weight[part] / n)
+        coefficients += pull @ nodes.deviation_mm[part]
+        covariance += (pull * noise_mm2[part]) @ pull.T
+    return coefficients, covariance
 
 
 def _common_covariance(alignment: Alignment, nodes: _Nodes, q: Array) -> Array:

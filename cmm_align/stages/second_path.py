@@ -8,8 +8,9 @@ import numpy as np
 
 from cmm_align.config import AlignConfig
 from cmm_align.model import Nominal, PointKind, PointSet
+from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.foot_point import Feet, foot_points
-from cmm_align.numerics.linearisation import Placement, even_sample, in_threads, moved
+from cmm_align.numerics.linearisation import Placement, even_sample, moved
 from cmm_align.surfaces.equidistant import limits_of
 from cmm_align.surfaces.protocol import Array, Mask, Surface
 

@@ -13,12 +13,12 @@ import numpy as np
 from table import Row, Stopwatch, show
 
 from cmm_align.numerics.aperture_basis import (
-    handed_noise,
     low_order_shapes,
     node_widths,
     orthonormalised,
     outline_of,
 )
+from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import local_regression
 from cmm_align.stages.error_map import error_map
 from cmm_align.stages.low_orders import _motion_columns, _on_nominal, low_orders
@@ -80,7 +80,7 @@ def coverage(name, surface, places, seeds):
         e = bare.deviation_mm + NOISE_MM * rng.standard_normal(len(bare.deviation_mm))
         fit = local_regression(*places, e, x, y)
         with Stopwatch() as watch:
-            noise2 = handed_noise(*places, x, y, fit, known)
+            noise2 = handed_noise(fit, known)
             found = low_orders(bare, x, y, np.where(known, fit.value, np.nan), noise2, weights)
         took.append(watch.wall)
         value = np.array([t.coefficient_um for t in found.terms])

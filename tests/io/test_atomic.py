@@ -19,6 +19,7 @@ from cmm_align import io
 from cmm_align.errors import OutputError, OutputExistsError, OutputLockedError
 from cmm_align.io.atomic import atomic_path, check_writable
 from cmm_align.io.lock import lock_path
+from cmm_align.io.patient_file import PatientFile
 from cmm_align.provenance import this_step
 
 DEAD_PID = 2**22 + 1  # above the largest a Linux kernel gives out
@@ -261,3 +262,48 @@ def test_a_full_disk_leaves_the_old_file(limit, tmp_path):
     assert run.returncode == 8, run.stderr.decode()
     assert out.read_bytes() == ours()
     assert only(tmp_path) == ["a.h5"]
+
+
+@pytest.mark.parametrize("call", [1, 2, 3, 6, 20])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_while_hdf5_writes_waits_for_its_end(call, number, alignment, monkeypatch, tmp_path):
+    out = tmp_path / "a.h5"
+    out.write_bytes(ours())
+    calls = []
+
+    def write(self, data, real=PatientFile.write):
+        calls.append(1)
+        if len(calls) == call:
+            signal.raise_signal(number)
+        return real(self, data)
+
+    def stop(_number, _frame):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PatientFile, "write", write)
+    before = signal.signal(number, stop)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            io.write(alignment, out, overwrite=True)
+        assert signal.getsignal(number) is stop
+    finally:
+        signal.signal(number, before)
+    assert out.read_bytes() == ours()
+    assert only(tmp_path) == ["a.h5"]
+
+
+def test_what_fails_in_the_midst_of_writing_is_told_after_hdf5_is_done(alignment, monkeypatch, tmp_path):
+    full = OSError(28, "No space left on device")
+    calls = []
+
+    def write(self, data, real=PatientFile.write):
+        calls.append(1)
+        if len(calls) == 3:
+            self.error = full
+        return real(self, data)
+
+    monkeypatch.setattr(PatientFile, "write", write)
+    with pytest.raises(OutputError, match="No space left on device"):
+        io.write(alignment, tmp_path / "a.h5")
+    assert len(calls) > 3
+    assert only(tmp_path) == []

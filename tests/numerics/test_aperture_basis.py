@@ -8,13 +8,13 @@ from numpy.polynomial import polynomial
 
 from cmm_align.numerics.aperture_basis import (
     KINDS,
-    handed_noise,
     low_order_shapes,
     node_widths,
     orthonormalised,
     outline_of,
     zernike,
 )
+from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import local_regression
 
 X = np.linspace(-40.0, 40.0, 81)
@@ -130,7 +130,7 @@ def test_handed_noise_is_the_variance_that_unit_errors_of_single_points_give(lin
     known = np.isfinite(base.value) & (np.hypot(*np.meshgrid(nodes - 5.0, nodes - 5.0)) < 5.2)
     fit = replace(base, sigma=np.sqrt(np.maximum(base.leverage, 0.0)))  # points of variance 1
     influence = np.stack([local_regression(x, y, e, nodes, nodes).value[known] for e in np.eye(260)])
-    found = handed_noise(x, y, nodes, nodes, fit, known)[known]
+    found = handed_noise(fit, known)[known]
     assert np.count_nonzero(~known) > 0
     assert found.sum() == pytest.approx(np.sum(influence.sum(axis=1) ** 2), rel=1e-9)
     slow = (np.meshgrid(nodes, nodes)[0][known] - 5.0) / 5.0  # changes by a third within a window

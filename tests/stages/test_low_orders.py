@@ -9,7 +9,8 @@ from truth_maps import PLANE, WINDOW, Quadric, aligned, form_error_mm, random_pl
 
 from cmm_align.model import frozen_array
 from cmm_align.model.monte_carlo import MonteCarlo, Spread
-from cmm_align.numerics.aperture_basis import handed_noise, node_widths
+from cmm_align.numerics.aperture_basis import node_widths
+from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import local_regression
 from cmm_align.numerics.machine_error import error_factors, machine_error
 from cmm_align.stages.low_orders import low_orders
@@ -221,7 +222,7 @@ def covered(surface, n_points, seeds):
     terms, kinds, rms = [], [], []
     for _ in range(seeds):
         fit = local_regression(*places, bare.deviation_mm + 0.3e-3 * noise.standard_normal(n_points), x, y)
-        noise2 = handed_noise(*places, x, y, fit, known)
+        noise2 = handed_noise(fit, known)
         found = low_orders(bare, x, y, np.where(known, fit.value, np.nan), noise2, weights)
         pairs = zip(found.terms, truth.terms, strict=True)
         terms.append([(f.coefficient_um - t.coefficient_um) / f.u_um for f, t in pairs])
