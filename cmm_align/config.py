@@ -130,6 +130,8 @@ class ErrorMapConfig:
     """Take waves shorter than this away; 0 keeps them."""
     high_pass_mm: float = 0.0
     """Take waves longer than this away; 0 keeps them."""
+    picture_scale_um: float = 0.0
+    """Colours and axes of all pictures reach from minus to plus this; 0 for what each map needs."""
     tolerance_pv_um: float = 0.0
     """Tolerance on PV; 0 gives no verdict."""
     tolerance_rms_um: float = 0.0
@@ -216,6 +218,7 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "max_nodes": (8, 4096),
     "low_pass_mm": (0.0, 1e6),
     "high_pass_mm": (0.0, 1e6),
+    "picture_scale_um": (0.0, 1e9),
     "tolerance_pv_um": (0.0, 1e9),
     "tolerance_rms_um": (0.0, 1e9),
     "guard_factor": (0.0, 10.0),

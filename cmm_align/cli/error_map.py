@@ -12,10 +12,12 @@ from cmm_align.cli import options
 from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.config import FILTERS, ErrorMapConfig
-from cmm_align.errors import UsageError
+from cmm_align.errors import OutputError, UsageError
+from cmm_align.report.pictures import FORMATS, PICTURES
 from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
+    from cmm_align.cli.drawing import Drawings
     from cmm_align.model import DeviationMap
 
 TEXT = """Map of the deviations of ALIGNED, with statistics, a picture and a verdict.
@@ -41,6 +43,31 @@ own "error map" of 21 geometric components is another thing.)
 )
 @click.option("--low-pass", type=Length(), metavar="L", help="Take waves shorter than L away.")
 @click.option("--high-pass", type=Length(), metavar="L", help="Take waves longer than L away.")
+@click.option(
+    "--pictures",
+    metavar="LIST",
+    help=f"What to draw, with commas: {', '.join(PICTURES)}; or all.  [default: map]",
+)
+@click.option(
+    "--picture-format",
+    "formats",
+    type=click.Choice([*FORMATS, "both"]),
+    multiple=True,
+    help="Format of the pictures; repeatable.  [default: png]",
+)
+@click.option(
+    "--section",
+    "sections",
+    metavar="LINE",
+    multiple=True,
+    help="Draw the section along x=0, y=5mm or X1,Y1:X2,Y2; repeatable.  [default: both middle lines]",
+)
+@click.option(
+    "--scale",
+    type=Length(),
+    metavar="L",
+    help="Colours from -L to +L, to compare a series.  [default: from the map]",
+)
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.map.h5")
 def command(
@@ -53,12 +80,18 @@ def command(
     kind: str | None,
     low_pass: float | None,
     high_pass: float | None,
+    pictures: str | None,
+    formats: tuple[str, ...],
+    sections: tuple[str, ...],
+    scale: float | None,
     no_picture: bool,
     output: Path | None,
 ) -> int:
     """Parse, call, show."""
+    from cmm_align.cli.drawing import parsed
     from cmm_align.cli.show import finish
 
+    drawings = parsed(pictures, formats, sections, none=no_picture)
     config = job.config.error_map
     if spacing is not None:
         config = replace(config, spacing_mm=spacing)
@@ -75,13 +108,20 @@ def command(
         low_pass_mm=config.low_pass_mm if low_pass is None else low_pass,
         high_pass_mm=config.high_pass_mm if high_pass is None else high_pass,
     )
-    return finish(job, make_map(job, aligned, config, picture=not no_picture, output=output))
+    if scale is not None:
+        config = replace(config, picture_scale_um=scale * UM_PER_MM)
+    return finish(job, make_map(job, aligned, config, drawings=drawings, output=output))
 
 
 def make_map(
-    job: Job, aligned: Path, config: ErrorMapConfig, *, picture: bool = True, output: Path | None = None
+    job: Job,
+    aligned: Path,
+    config: ErrorMapConfig,
+    *,
+    drawings: Drawings | None = None,
+    output: Path | None = None,
 ) -> Outcome:
-    """Read an alignment, map its deviations, write map and picture.
+    """Read an alignment, map its deviations, write map and pictures.
 
     Parameters
     ----------
@@ -89,33 +129,39 @@ def make_map(
     aligned : Path
         What `align` wrote.
     config : ErrorMapConfig
-    picture : bool
-        Whether to draw the map, beside the output and with its stem.
+    drawings : Drawings, optional
+        Which pictures, beside the output and with its stem; the map unless given.
     output : Path, optional
         Beside the input unless given.
     """
     from cmm_align import io
-    from cmm_align.cli import cautions, opening, record, results
-    from cmm_align.io.atomic import atomic_path
+    from cmm_align.cli import cautions, drawing, opening, record, results
     from cmm_align.io.schema import ALIGNMENT
     from cmm_align.report import summary
+    from cmm_align.report.section_lines import section_line
+    from cmm_align.report.wishes import Wishes
     from cmm_align.stages.error_map import error_map
 
     opening.check_stage(aligned, ALIGNMENT, job.command, job.units)
     if output is None:
         output = beside(aligned, ".map.h5")
-    drawing = output.with_suffix(".png")
-    outputs = [output, drawing] if picture else [output]
+    drawings = drawing.Drawings() if drawings is None else drawings
+    pictures = drawings.files(output)
     alignment = io.read_alignment(aligned)
-    record.check_outputs(job, outputs, [aligned])
+    for text in drawings.sections:
+        section_line(text, alignment.nominal.surface.bounds)  # before anything is computed or written
+    record.check_outputs(job, [output, *(path for _, path in pictures)], [aligned])
     deviation_map = error_map(alignment, config)
     steps = record.steps(job, [aligned], after=[aligned], error_map=config)
     io.write(deviation_map, output, steps, overwrite=job.overwrite)
-    if picture:
-        from cmm_align.report.map_picture import draw_map
-
-        with atomic_path(drawing, job.overwrite) as path:
-            draw_map(deviation_map, path, title=beside(aligned, "").name, source=aligned.name)
+    wishes = Wishes(
+        title=beside(aligned, "").name,
+        source=aligned.name,
+        scale_um=config.picture_scale_um,
+        limits=drawing.limits_of(config),
+        sections=drawings.sections,
+    )
+    drawn, faults = drawing.draw_all(deviation_map, pictures, wishes, overwrite=job.overwrite)
     verdict, reasons = summary.verdict_of(deviation_map)
     within = verdict == "PASS"
     command, advice = ("", "") if within else _compensation(deviation_map, output)
@@ -123,7 +169,7 @@ def make_map(
         command=job.command,
         noun=deviation_map,
         inputs=steps[-1].inputs,
-        outputs=outputs,
+        outputs=[output, *drawn],
         result=results.of_map(deviation_map),
         rows=[
             ("tolerance", tolerances(config)),
@@ -133,10 +179,14 @@ def make_map(
         details=summary.details_of_map(deviation_map),
         verdict=verdict,
         reasons=reasons,
-        warnings=[*cautions.of_tolerances(deviation_map, config), *cautions.of_map(deviation_map)],
+        warnings=[
+            *faults,
+            *cautions.of_tolerances(deviation_map, config),
+            *cautions.of_map(deviation_map),
+        ],
         advice="nothing: within tolerance" if within else advice,
         next_command="" if within else command,
-        exit_code=EXIT_OF_VERDICT[deviation_map.verdict],
+        exit_code=OutputError.exit_code if faults else EXIT_OF_VERDICT[deviation_map.verdict],
     )
 
 

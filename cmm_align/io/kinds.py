@@ -14,9 +14,11 @@ from cmm_align.errors import InputError, OutputError, OutputExistsError
 HDF5_SUFFIXES: Final = (".h5", ".hdf5")
 """Of the files that stages write."""
 
-_PICTURE_SUFFIXES: Final = (".png",)
+_PNG_SUFFIX: Final = ".png"
+_SVG_SUFFIX: Final = ".svg"
 _POINTS_SUFFIXES: Final = (".xyz", ".csv", ".txt")
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
+_SVG: Final = b"<svg"
 _POINTS: Final = b"# cmm-align points "
 _HEAD_BYTES: Final = 4096
 _SCHEMAS: Final = "cmm-align/"
@@ -49,8 +51,10 @@ def refuse_another_kind(target: Path, where: str) -> None:
         return
     if suffix in HDF5_SUFFIXES:
         good, kind = _is_stage_file(target), "a file of cmm-align"
-    elif suffix in _PICTURE_SUFFIXES:
+    elif suffix == _PNG_SUFFIX:
         good, kind = head.startswith(_PNG), "a PNG picture"
+    elif suffix == _SVG_SUFFIX:
+        good, kind = _SVG in head, "an SVG picture"
     elif suffix in _POINTS_SUFFIXES:
         good, kind = head.startswith(_POINTS), "a points file of cmm-align"
     else:

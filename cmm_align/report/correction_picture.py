@@ -41,7 +41,7 @@ _FOOT_IN: Final = 0.84
 def draw_correction(
     correction: Correction, path: Path | str, title: str = "Correction to grind", source: str = ""
 ) -> None:
-    """Write a picture of the correction as PNG; nodes continued from their neighbours are hatched.
+    """Write a picture of the correction; nodes continued from their neighbours are hatched.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def draw_correction(
         Drawn in frame `surface`: the correction of this pass along the normal; green is to be taken
         off, purple is to be left or raised.
     path : path
-        Written as PNG whatever its suffix.
+        Written as SVG where its suffix says so, else as PNG.
     title : str
         Headline; shown as it is.
     source : str

@@ -42,6 +42,8 @@ def draw_field(
     field_mm: Array,
     limit: float,
     hues_deg: tuple[float, float] | None = None,
+    *,
+    pixels: int = PIXELS,
 ) -> AxesImage:
     """Draw a field in um over its grid, unknown nodes left clear, equal axes in mm.
 
@@ -61,6 +63,8 @@ def draw_field(
         Largest absolute value of the colour scale, um.
     hues_deg : (float, float), optional
         Hues of the negative and the positive half; those of a deviation unless given.
+    pixels : int
+        Samples along the longer side.
     """
     colours = deviation_colours() if hues_deg is None else deviation_colours(hues_deg=hues_deg)
     colour_map = ListedColormap(colours, name="deviation").with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
@@ -73,7 +77,7 @@ def draw_field(
     field, known = _to_the_border(field, known, outside)
     field, _ = _spread(field, known, 2)
     long_side = max(field_mm.shape)
-    factor = max(1, round(PIXELS / long_side))
+    factor = max(1, round(pixels / long_side))
     if long_side < COARSE_NODES:
         share = max(NARROWEST_BLEND, long_side / COARSE_NODES)
         along_x, along_y = _seam_matrix(len(x), factor, share), _seam_matrix(len(y), factor, share)

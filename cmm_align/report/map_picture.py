@@ -33,6 +33,7 @@ from cmm_align.report.canvas import (
     three_digits,
 )
 from cmm_align.report.field import draw_field, draw_points, unknown_inside
+from cmm_align.report.wording import in_print
 from cmm_align.surfaces.protocol import Bounds
 from cmm_align.units import UM_PER_MM
 
@@ -51,20 +52,28 @@ _CHIPS: Final = {
 
 
 def draw_map(
-    deviation_map: DeviationMap, path: Path | str, title: str = "Deviation map", source: str = ""
+    deviation_map: DeviationMap,
+    path: Path | str,
+    title: str = "Deviation map",
+    source: str = "",
+    *,
+    scale_um: float = 0.0,
 ) -> None:
-    """Write a colour-coded picture of a deviation map as PNG, 1410 pixels wide.
+    """Write a colour-coded picture of a deviation map, 1410 pixels wide.
 
     Parameters
     ----------
     deviation_map : DeviationMap
         Drawn in frame `surface`; colours centred on zero, blue - white - red.
     path : path
-        Written as PNG whatever its suffix.
+        Written as SVG where its suffix says so, else as PNG.
     title : str
         Headline; shown as it is.
     source : str
         Name of the file behind the map, for the foot of the sheet.
+    scale_um : float
+        The colours reach from minus to plus this; 0 for the largest deviation of the map. What lies beyond
+        has the colour of the end.
     """
     m = deviation_map
     nominal, b = m.alignment.nominal, m.alignment.nominal.surface.bounds
@@ -76,7 +85,7 @@ def draw_map(
         left = _LEFT + 0.5 * (_MAP_WIDTH - width_in / WIDTH_IN)
         bottom, tall = _FOOT_IN / height_in, map_in / height_in
         axes = figure.add_axes((left, bottom, width_in / WIDTH_IN, tall))
-        limit = limit_um(m.deviation_mm)
+        limit = scale_um or limit_um(m.deviation_mm)
         image = draw_field(axes, nominal, m.x_mm, m.y_mm, m.deviation_mm, limit)
         draw_aperture(axes, nominal, image)
         dots = draw_points(axes, m.alignment)
@@ -96,9 +105,7 @@ def draw_map(
             f"RMS {three_digits(single.rms_mm * UM_PER_MM)} µm, N {thin(single.n)}",
         ]
         if chip is not None and m.verdict_lines:
-            lines.append(
-                "; ".join(m.verdict_lines).replace(" um", " µm").replace("<=", "\N{LESS-THAN OR EQUAL TO}")
-            )
+            lines.append(in_print("; ".join(m.verdict_lines)))
         header(figure, title, lines, head_numbers(m.statistics), height_in, chip)
         footer(figure, [source, *origin(nominal), f"grid {m.spacing_mm:.4g} mm", version()], height_in)
         save(figure, path)

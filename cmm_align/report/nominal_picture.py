@@ -85,7 +85,7 @@ def draw_nominal(
     threshold_per_mm: float = THRESHOLD_PER_MM,
     source: str = "",
 ) -> None:
-    """Write six maps of a nominal as PNG, 1410 pixels wide.
+    """Write six maps of a nominal, 1410 pixels wide.
 
     Slope, Gaussian and both principal curvatures (positive where concave towards the probe), the difference
     of these with the feature regions outlined, and what the ball reaches.
@@ -95,7 +95,7 @@ def draw_nominal(
     nominal : Nominal
         With its equidistant net; drawn in frame `surface`.
     path : path
-        Written as PNG whatever its suffix.
+        Written as SVG where its suffix says so, else as PNG.
     title : str
         Headline; shown as it is.
     threshold_per_mm : float

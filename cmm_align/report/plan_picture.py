@@ -46,7 +46,7 @@ def draw_plan(
     title: str = "Measuring plan",
     source: str = "",
 ) -> None:
-    """Write the points of a measuring plan on the outline of the part as PNG, 1410 pixels wide.
+    """Write the points of a measuring plan on the outline of the part, 1410 pixels wide.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def draw_plan(
     numbers : sequence of (label, value)
         Up to three for the head of the page.
     path : path
-        Written as PNG whatever its suffix.
+        Written as SVG where its suffix says so, else as PNG.
     title : str
         Headline; shown as it is.
     source : str

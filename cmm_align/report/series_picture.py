@@ -42,14 +42,14 @@ _MAX_MAP_IN: Final = 5.0
 def draw_series(
     maps: Sequence[tuple[str, DeviationMap]], path: Path | str, title: str = "Before and after"
 ) -> None:
-    """Write maps of one part side by side as PNG, all with the colours of the largest deviation.
+    """Write maps of one part side by side, all with the colours of the largest deviation.
 
     Parameters
     ----------
     maps : sequence of (name, DeviationMap)
         In the order of the passes; two or three fit the sheet well.
     path : path
-        Written as PNG whatever its suffix.
+        Written as SVG where its suffix says so, else as PNG.
     title : str
         Headline; shown as it is.
     """

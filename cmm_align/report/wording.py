@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 
 from cmm_align.units import UM_PER_MM
@@ -72,3 +73,14 @@ def at_place(place_mm: tuple[float, float]) -> str:
 def triple(values: Iterable[float], digits: int) -> str:
     """Return signed numbers with commas between."""
     return ", ".join(signed(float(v), digits) for v in values)
+
+
+def in_print(text: str) -> str:
+    """Return a sentence of the terminal with the signs of print: micro, a true minus, less or equal."""
+    text = text.replace(" um", " µm").replace("<=", "\N{LESS-THAN OR EQUAL TO}")
+    return re.sub(r"(?<![\w.])-(?=\d)", "\N{MINUS SIGN}", text)
+
+
+def minus(value: float) -> str:
+    """Return a number as short as it is, with a true minus."""
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")

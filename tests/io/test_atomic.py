@@ -85,6 +85,8 @@ POINTS = b"# cmm-align points v1; units=mm\n1,2,3\n"
         ("a.h5", b"", True),
         ("a.png", PNG, True),
         ("a.png", b"a thesis", False),
+        ("a.svg", b"<?xml version='1.0'?><svg>", True),
+        ("a.svg", b"a thesis", False),
         ("a.csv", POINTS, True),
         ("a.xyz", b"1 2 3\n", False),
         ("a.toml", b"units = 'mm'", True),
