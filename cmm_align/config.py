@@ -124,6 +124,8 @@ class ErrorMapConfig:
     """Half width of the window of the local regression, in grid steps."""
     max_nodes: int = 512
     """Most nodes along the longer side of the grid."""
+    report_region: str = ""
+    """Only points there count in numbers, map and verdict, as for `align`; that of `align` by default."""
     filter: str = "gaussian"
     """gaussian (regression of order 2), gaussian-order-0, gaussian-robust or spline; used with a cutoff."""
     low_pass_mm: float = 0.0

@@ -113,7 +113,7 @@ def of_map(deviation_map: DeviationMap) -> list[str]:
         )
     coverage = deviation_map.coverage
     if np.isfinite(coverage) and coverage < FULL_COVERAGE:
-        whole = alignment.report.report_region or "nominal"
+        whole = alignment.report.report_region.removeprefix("the ") or "nominal"
         texts.append(
             f"the map knows {100.0 * coverage:.0f} % of the {whole} only: its numbers and verdict say "
             "nothing about the rest"

@@ -18,7 +18,7 @@ from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
     from cmm_align.cli.drawing import Drawings
-    from cmm_align.model import DeviationMap
+    from cmm_align.model import Alignment, DeviationMap
 
 TEXT = """Map of the deviations of ALIGNED, with statistics, a picture and a verdict.
 
@@ -32,6 +32,12 @@ own "error map" of 21 geometric components is another thing.)
 @click.argument("aligned", type=FILE)
 @click.option(
     "--spacing", type=Length(), metavar="L", help="Spacing of the grid.  [default: from the points]"
+)
+@click.option(
+    "--report-region",
+    metavar="REGION",
+    help="Only points there count in numbers, map and verdict: circle:X,Y,R rectangle:X,Y,W,H"
+    " annulus:X,Y,R1,R2 polygon:X1,Y1,... aperture:-MARGIN or a TOML file.  [default: that of align]",
 )
 @click.option("--tolerance-pv", type=Length(), metavar="L", help="Tolerance on PV, as 5um.")
 @click.option("--tolerance-rms", type=Length(), metavar="L", help="Tolerance on RMS, as 1um.")
@@ -75,6 +81,7 @@ def command(
     *,
     aligned: Path,
     spacing: float | None,
+    report_region: str | None,
     tolerance_pv: float | None,
     tolerance_rms: float | None,
     kind: str | None,
@@ -95,6 +102,8 @@ def command(
     config = job.config.error_map
     if spacing is not None:
         config = replace(config, spacing_mm=spacing)
+    if report_region is not None:
+        config = replace(config, report_region=report_region)
     if tolerance_pv is not None:
         config = replace(config, tolerance_pv_um=tolerance_pv * UM_PER_MM)
     if tolerance_rms is not None:
@@ -151,6 +160,7 @@ def make_map(
     for text in drawings.sections:
         section_line(text, alignment.nominal.surface.bounds)  # before anything is computed or written
     record.check_outputs(job, [output, *(path for _, path in pictures)], [aligned])
+    config = _with_region(job, config, alignment)
     deviation_map = error_map(alignment, config)
     steps = record.steps(job, [aligned], after=[aligned], error_map=config)
     io.write(deviation_map, output, steps, overwrite=job.overwrite)
@@ -188,6 +198,17 @@ def make_map(
         next_command="" if within else command,
         exit_code=OutputError.exit_code if faults else EXIT_OF_VERDICT[deviation_map.verdict],
     )
+
+
+def _with_region(job: Job, config: ErrorMapConfig, alignment: Alignment) -> ErrorMapConfig:
+    """Return the settings with the report region as a text, whatever file it stands in."""
+    if not config.report_region:
+        return config
+    from cmm_align.formats.region_toml import read_region
+
+    surface = alignment.nominal.surface
+    region = read_region(config.report_region, surface, job.units, "--report-region")
+    return replace(config, report_region=region.text)
 
 
 def tolerances(config: ErrorMapConfig) -> str:

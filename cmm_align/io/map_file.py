@@ -25,6 +25,9 @@ def write_body(file: h5py.File, noun: DeviationMap) -> None:
     for name in ("x_mm", "y_mm", "deviation_mm", "sag_deviation_mm", "sigma_mm"):
         write_array(grid, name, getattr(noun, name))
     grid.attrs["spacing_mm"] = float(noun.spacing_mm)
+    if noun.method:
+        grid.attrs["method"] = noun.method
+        grid.attrs["window_steps"] = float(noun.window_steps)
     if noun.filter is not None:
         write_record(file.create_group("filter"), noun.filter)
     if noun.low_orders is not None:
@@ -56,6 +59,7 @@ def read_body(file: h5py.File) -> DeviationMap:
     x = read_array(file, "/grid/x_mm", (None,), finite=True)
     y = read_array(file, "/grid/y_mm", (None,), finite=True)
     shape = (len(y), len(x))
+    told = "method" in file["grid"].attrs  # older files say nothing of it
     ladder = json_attribute(file, "/statistics", "ladder")
     if is_older(file) and isinstance(ladder, list):
         ladder = [{"pvr_mm": math.nan, **rung} for rung in ladder if isinstance(rung, dict)]
@@ -87,6 +91,8 @@ def read_body(file: h5py.File) -> DeviationMap:
             tuple[str, ...],
             where_of(file, "/statistics/@verdict_lines"),
         ),
+        method=attribute(file, "/grid", "method") if told else "",
+        window_steps=attribute(file, "/grid", "window_steps", float) if told else 0.0,
         low_orders=_optional(file, "/low_orders", LowOrders),
         filter=_optional(file, "/filter", MapFilter),
     )

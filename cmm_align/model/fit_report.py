@@ -89,6 +89,8 @@ class FitReport:
     lock_frame: str = "part"
     fit_region: str = ""
     """In words; empty where the whole nominal steers the fit."""
+    fit_region_text: str | None = None
+    """The same as the setting takes it, lengths in mm, frame `surface`; None in older files."""
     report_region: str = ""
     """In words; empty where every deviation counts in the numbers."""
     report_region_text: str = ""

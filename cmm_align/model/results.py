@@ -132,6 +132,10 @@ class DeviationMap:
         Share of the nominal's area that the map knows, 0 to 1.
     verdict_lines : tuple of str
         One sentence a tolerance: what was judged, against what, with which outcome.
+    method : str
+        How nodes came of points, in words; empty in files of older versions.
+    window_steps : float
+        Half width of the window of the local regression, in grid steps; 0 in files of older versions.
     filter : MapFilter or None
         What was taken away from the nodes; single points are never filtered.
     low_orders : LowOrders or None
@@ -153,5 +157,7 @@ class DeviationMap:
     spacing_mm: float
     coverage: float = float("nan")
     verdict_lines: tuple[str, ...] = ()
+    method: str = ""
+    window_steps: float = 0.0
     filter: MapFilter | None = None
     low_orders: LowOrders | None = None

@@ -33,6 +33,7 @@ from cmm_align.report.canvas import (
     three_digits,
 )
 from cmm_align.report.field import draw_field, draw_points, unknown_inside
+from cmm_align.report.region_outline import draw_regions
 from cmm_align.report.wording import in_print
 from cmm_align.surfaces.protocol import Bounds
 from cmm_align.units import UM_PER_MM
@@ -94,9 +95,12 @@ def draw_map(
         right = left + width_in / WIDTH_IN
         draw_scale(figure, image, (right + 0.015, bottom + 0.06 * tall, 0.017, 0.82 * tall), limit)
         marks: list[tuple[Artist, str]] = [] if dots is None else [(dots, "measured point")]
+        marks += draw_regions(axes, m.alignment)
         if unknown_inside(nominal, m.x_mm, m.y_mm, m.deviation_mm):
             told = deviation_map.alignment.report.report_region
             marks.append((hatched_patch(), "not measured, or not judged" if told else "not measured"))
+        if len(marks) > 2:  # a long legend needs the room under the middle
+            axes.set_xlabel("x, mm", loc="left")
         legend(figure, marks, right, height_in)
         single = m.point_statistics
         lines = [

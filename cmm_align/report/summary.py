@@ -80,7 +80,7 @@ def of_map(deviation_map: DeviationMap) -> Rows:
     ]
     rows += [_rung(rung) for rung in m.ladder if rung.removed == "+ power"]
     if math.isfinite(m.coverage):
-        whole = m.alignment.report.report_region or "nominal"
+        whole = m.alignment.report.report_region.removeprefix("the ") or "nominal"
         rows.append(("coverage", f"{as_percent(m.coverage)} of the {whole}, by {p.n} points"))
     if m.low_orders is not None:
         rows.append(("form", m.low_orders.words))
@@ -101,7 +101,27 @@ def details_of_map(deviation_map: DeviationMap) -> Rows:
         ("highest point", f"{extreme(p.max_mm)} at {at_place(p.max_at_mm)}"),
         ("lowest point", f"{extreme(p.min_mm)} at {at_place(p.min_at_mm)}"),
         *(_rung(rung) for rung in m.ladder[1:] if rung.removed != "+ power"),
+        *_ways_of_map(m),
     ]
+
+
+def _ways_of_map(m: DeviationMap) -> Rows:
+    """Return how the map came of the points, of which, and what its uncertainty holds."""
+    report = m.alignment.report
+    rows = []
+    if report.fit_region or report.report_region:
+        whole = "the whole nominal"
+        fit, told = report.fit_region or whole, report.report_region or whole
+        rows.append(("regions", f"numbers and map of {told}; the pose was fitted on {fit}"))
+    if m.method:
+        rows.append(("method", m.method))
+    holds = "scatter of the points, noise that nodes keep, and the pose"
+    if report.monte_carlo is None:
+        more = "nothing that neighbouring points have in common: align --monte-carlo adds it"
+    else:
+        more = "and what the machine's simulated errors have in common"
+    rows.append(("u of the RMS", f"{holds}; {more}"))
+    return rows
 
 
 def of_correction(correction: Correction) -> Rows:

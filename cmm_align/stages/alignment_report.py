@@ -146,6 +146,7 @@ def reported(
         locked=locked_motions(config),
         lock_frame=config.lock_frame,
         fit_region="" if regions.fit is None else regions.fit.words,
+        fit_region_text="" if regions.fit is None else regions.fit.text,
         report_region="" if regions.report is None else regions.report.words,
         report_region_text="" if regions.report is None else regions.report.text,
         n_fiducials=0 if cloud.steering.datum is None else len(cloud.steering.datum.weights),

@@ -14,19 +14,17 @@ Sign: ``deviation > 0`` = excess material along the outward normal n. Along Z it
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cmm_align.config import ErrorMapConfig
-from cmm_align.errors import GeometryError, UsageError
+from cmm_align.errors import GeometryError
 from cmm_align.model import (
     Alignment,
     DeviationMap,
     LadderRung,
     LowOrders,
-    Nominal,
     Statistics,
     Verdict,
     frozen_array,
@@ -35,18 +33,15 @@ from cmm_align.numerics.aperture_basis import node_widths
 from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import LocalFit, local_regression
-from cmm_align.numerics.point_density import filled_box
 from cmm_align.stages.deviation_statistics import deviation_statistics
 from cmm_align.stages.low_orders import low_orders
 from cmm_align.stages.map_filter import filtered
+from cmm_align.stages.map_grid import Places, axis_over, method_in_words, places_of, step_of
+from cmm_align.stages.report_region import reported_in
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.region import region_from_text
 from cmm_align.units import UM_PER_MM
-
-STEPS_PER_BOX: Final = 1.2
-"""Grid step over the smallest box that is filled almost everywhere: the window of three steps then
-holds three scan lines or more, or 30 points at random."""
 
 DEFAULTS: Final = ErrorMapConfig()
 
@@ -54,16 +49,6 @@ MIN_COVERAGE: Final = 0.9
 """What was not measured cannot pass."""
 
 _COVERAGE_NODES: Final = 201
-
-
-class _Places(NamedTuple):
-    """Deviations with the places of their foot points, each of shape (n,)."""
-
-    x_mm: Array
-    y_mm: Array
-    deviation_mm: Array
-    rows: NDArray[np.intp]
-    """Their rows among the points of the alignment."""
 
 
 def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> DeviationMap:
@@ -74,7 +59,7 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     alignment : Alignment
         Points laid on the nominal; those marked `judged` carry the map.
     config : ErrorMapConfig
-        Spacing, window and tolerances.
+        Spacing, window, tolerances, and the report region where it is another than that of the alignment.
 
     Returns
     -------
@@ -85,20 +70,25 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     Raises
     ------
     GeometryError
-        If no point carries a deviation, or the points span no area.
+        If no point carries a deviation, or lies in the report region, or the points span no area.
     UsageError
-        If the spacing asked for gives more than `config.max_nodes` along the longer side.
+        If the report region is none, or the spacing asked for gives more than `config.max_nodes` along the
+        longer side.
     """
     nominal = alignment.nominal
-    places = _places(alignment)
-    step_mm = _step(places, config)
-    x_mm, y_mm = (_axis(p, step_mm, exact=config.spacing_mm > 0.0) for p in (places.x_mm, places.y_mm))
+    simulated = alignment.report.monte_carlo
+    if config.report_region:
+        region = region_from_text(config.report_region, nominal.surface, "report_region")
+        alignment = reported_in(alignment, region)
+    places = places_of(alignment)
+    step_mm = step_of(places, config)
+    x_mm, y_mm = (axis_over(p, step_mm, exact=config.spacing_mm > 0.0) for p in (places.x_mm, places.y_mm))
     spacing_mm = float(max(x_mm[1] - x_mm[0], y_mm[1] - y_mm[0]))
     fit = local_regression(
         places.x_mm, places.y_mm, places.deviation_mm, x_mm, y_mm, half_width=config.window
     )
     x_grid, y_grid = np.meshgrid(x_mm, y_mm)
-    n_z, inside = _normal_z(nominal, x_grid, y_grid)
+    n_z, inside = _normal_z(alignment, x_grid, y_grid)
     deviation = np.where(inside, fit.value, np.nan)
     sigma = np.where(inside, _with_machine(alignment, places, fit, (x_mm, y_mm), config), np.nan)
     if not np.isfinite(deviation).any():
@@ -117,9 +107,11 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     )
     scatter = np.where(inside, fit.sigma, np.nan)
     u_rms_mm = _u_rms(alignment, places, fit, scatter, statistics)
-    simulated = alignment.report.monte_carlo
     if simulated is not None:
-        u_rms_mm = float(np.hypot(u_rms_mm, simulated.rms.std_um / UM_PER_MM))
+        common_mm = simulated.rms.std_um / UM_PER_MM
+        if config.report_region:
+            common_mm = _common_at_most(alignment, places)
+        u_rms_mm = float(np.hypot(u_rms_mm, common_mm))
     points = deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm)
     u_pv_mm = _u_pv(deviation, sigma, fit.scatter)
     coverage = _coverage(alignment, x_mm, y_mm, np.isfinite(deviation))
@@ -141,85 +133,43 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         spacing_mm=spacing_mm,
         coverage=coverage,
         verdict_lines=lines,
+        method=method_in_words(config),
+        window_steps=config.window,
         filter=used_filter,
         low_orders=found,
     )
 
 
-def _places(alignment: Alignment) -> _Places:
-    """Return the deviations that count at their foot points, in frame `surface`."""
-    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
-    if not judged.any():
-        raise GeometryError(
-            f"none of the {len(judged)} points has a deviation",
-            expected="points over the nominal's aperture",
-            remedy="look at the alignment with cmm-align info",
-        )
-    rows = np.flatnonzero(judged)
-    x, y, deviation = (np.empty(len(rows)) for _ in range(3))
-
-    def place(part: slice) -> None:
-        row = rows[part]
-        deviation[part] = alignment.deviation_mm[row]
-        foot_part = alignment.contact_part_mm[row] - deviation[part, None] * alignment.normals[row]
-        x[part], y[part], _ = alignment.nominal.surface_from_part.apply(foot_part).T
-
-    in_threads(place, len(rows))
-    return _Places(x, y, deviation, rows)
-
-
-def _step(places: _Places, config: ErrorMapConfig) -> float:
-    """Return the grid step, mm: as asked for, or the finest that the points carry."""
-    sides = sorted((float(np.ptp(places.x_mm)), float(np.ptp(places.y_mm))))
-    if sides[0] <= 1e-9 * sides[1] or sides[1] == 0.0:
-        raise GeometryError(
-            f"the {len(places.x_mm)} points span {sides[1]:.4g} x {sides[0]:.4g} mm",
-            expected="points spread over an area",
-            remedy="measure more than one line",
-        )
-    finest = sides[1] / (config.max_nodes - 1)
-    if config.spacing_mm > 0.0:
-        if config.spacing_mm < finest:
-            raise UsageError(
-                f"a spacing of {config.spacing_mm:.4g} mm over {sides[1]:.4g} mm",
-                expected=f"at most {config.max_nodes} nodes along the longer side",
-                remedy=f"give at least {finest:.4g} mm, or raise max_nodes",
-            )
-        return config.spacing_mm
-    coarsest = max(0.5 * sides[0], finest)
-    box = filled_box(places.x_mm, places.y_mm, finest / STEPS_PER_BOX, coarsest / STEPS_PER_BOX)
-    return max(finest, STEPS_PER_BOX * box)
-
-
-def _axis(places_mm: Array, step_mm: float, *, exact: bool) -> Array:
-    """Return at least two nodes evenly about the middle of the extent of the places, mm.
-
-    With `exact` the step is kept and the outer nodes lie up to half a step inside the extent. Without
-    it the step shrinks a little so that they lie a quarter of a step inside: on the ends, where PV is
-    often found, the border would weigh too much in the RMS; half a step inside, PV would be lost.
-    """
-    low, high = float(places_mm.min()), float(places_mm.max())
-    steps = (high - low) / step_mm
-    if exact:
-        n = max(int(steps + 1e-9) + 1, 2)
-        half = 0.5 * (n - 1) * step_mm
-        middle = 0.5 * (low + high)
-        nodes: Array = np.linspace(middle - half, middle + half, n)
-        return nodes
-    n = max(int(np.ceil(steps - 0.5 - 1e-9)) + 1, 2)
-    inset = 0.25 * (high - low) / (n - 0.5)
-    return np.asarray(np.linspace(low + inset, high - inset, n), dtype=np.float64)
-
-
-def _normal_z(nominal: Nominal, x_grid: Array, y_grid: Array) -> tuple[Array, Mask]:
-    """Return n_z (with the sign of the side) at the nodes, and whether they lie on the nominal."""
-    x, y = x_grid.ravel(), y_grid.ravel()
+def _normal_z(alignment: Alignment, x_grid: Array, y_grid: Array) -> tuple[Array, Mask]:
+    """Return n_z (with the sign of the side) at the nodes, and whether they lie where the map is told."""
+    x, y, nominal = x_grid.ravel(), y_grid.ravel(), alignment.nominal
     n_z = unit_normal(nominal.surface.jet(x, y), nominal.side)[:, 2]
-    return n_z.reshape(x_grid.shape), nominal.surface.contains(x, y).reshape(x_grid.shape)
+    return n_z.reshape(x_grid.shape), _told(alignment, x, y).reshape(x_grid.shape)
+
+
+def _told(alignment: Alignment, x_mm: Array, y_mm: Array) -> Mask:
+    """Return which places lie on the nominal, and in the report region where there is one."""
+    surface, region = alignment.nominal.surface, alignment.report.report_region_text
+    inside = surface.contains(x_mm, y_mm)
+    if region:
+        inside[inside] = region_from_text(region, surface).contains(x_mm[inside], y_mm[inside])
+    return inside
+
+
+def _common_at_most(alignment: Alignment, places: Places) -> float:
+    """Return a bound of the simulated uncertainty of the RMS, mm, for another region than was simulated.
+
+    ``u(RMS) <= mean(|e| sigma) / RMS``: as if the errors of all points went together.
+    """
+    if alignment.sigma_mm is None:
+        return 0.0
+    e = places.deviation_mm
+    rms = float(np.sqrt(np.mean(e**2)))
+    return float(np.mean(np.abs(e) * alignment.sigma_mm[places.rows])) / rms if rms > 0.0 else 0.0
 
 
 def _with_machine(
-    alignment: Alignment, places: _Places, fit: LocalFit, axes: tuple[Array, Array], config: ErrorMapConfig
+    alignment: Alignment, places: Places, fit: LocalFit, axes: tuple[Array, Array], config: ErrorMapConfig
 ) -> Array:
     """Return the standard uncertainty of the nodes, mm: of the scatter, and what the points say beyond it.
 
@@ -238,7 +188,7 @@ def _with_machine(
 
 def _low_orders(
     alignment: Alignment,
-    places: _Places,
+    places: Places,
     axes: tuple[Array, Array],
     deviation: Array,
     fit: LocalFit,
@@ -255,7 +205,7 @@ def _low_orders(
 
 
 def _u_rms(
-    alignment: Alignment, places: _Places, fit: LocalFit, sigma: Array, statistics: Statistics
+    alignment: Alignment, places: Places, fit: LocalFit, sigma: Array, statistics: Statistics
 ) -> float:
     """Return the standard uncertainty of the RMS of the map, mm.
 
@@ -295,14 +245,11 @@ def _coverage(alignment: Alignment, x_mm: Array, y_mm: Array, known: Mask) -> fl
     The outer nodes stand inside the data by design; a whole step allows for that and for the reach of
     the ball at the border.
     """
-    surface, region = alignment.nominal.surface, alignment.report.report_region_text
-    b = surface.bounds
+    b = alignment.nominal.surface.bounds
     x = np.linspace(b.x_min, b.x_max, _COVERAGE_NODES)
     y = np.linspace(b.y_min, b.y_max, _COVERAGE_NODES)
     px, py = (a.ravel() for a in np.meshgrid(x, y))
-    inside = surface.contains(px, py)
-    if region:
-        inside[inside] = region_from_text(region, surface).contains(px[inside], py[inside])
+    inside = _told(alignment, px, py)
     u = (px - x_mm[0]) / (x_mm[1] - x_mm[0])
     v = (py - y_mm[0]) / (y_mm[1] - y_mm[0])
     near = np.zeros(len(px), dtype=bool)

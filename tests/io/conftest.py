@@ -153,6 +153,8 @@ def _map() -> DeviationMap:
         spacing_mm=0.05,
         coverage=0.75,
         verdict_lines=("PV 4.95 um <= 10 um: pass",),
+        method="local quadratic",
+        window_steps=1.5,
     )
 
 

@@ -1,5 +1,7 @@
 """Pictures: they draw without a display, the colours mean what they should, nothing global changes."""
 
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from cmm_align.report.correction_picture import draw_correction
 from cmm_align.report.deviation_colours import LEAVE_HUE_DEG, TAKE_OFF_HUE_DEG, deviation_colours
 from cmm_align.report.field import draw_field, unknown_inside
 from cmm_align.report.map_picture import draw_map
+from cmm_align.report.region_outline import draw_regions
 from cmm_align.report.series_picture import draw_series
 from cmm_align.stages.compensate import compensate
 from cmm_align.stages.error_map import error_map
@@ -146,3 +149,24 @@ def test_numbers_are_written_with_a_true_minus_and_without_exponents():
     assert signed(0.04, 1) == "0.0"
     assert signed(3.0, 0) == "+3"
     assert [three_digits(v) for v in (27.34, 0.2861, 4.0, 0.0)] == ["27.3", "0.286", "4.00", "0"]
+
+
+def test_the_regions_are_outlined_and_named(tmp_path):
+    plain = aligned(WINDOW, form_error_mm, random_places(WINDOW, 2000))
+    report = replace(
+        plain.report,
+        report_region="circle",
+        report_region_text="circle:0,0,20",
+        fit_region="rectangle",
+        fit_region_text="rectangle:0,0,60,40",
+    )
+    alignment = replace(plain, report=report)
+    axes = sheet(4.0).add_axes((0, 0, 1, 1))
+    marks = draw_regions(axes, alignment)
+    assert [word for _, word in marks] == ["report region", "fit region"]
+    circle, rectangle = (collection.get_paths()[0].vertices for collection in axes.collections)
+    np.testing.assert_allclose(np.hypot(*circle.T), 20.0, atol=0.1)  # a step of the raster: 102 / 900 mm
+    np.testing.assert_allclose(np.abs(rectangle).max(axis=0), [30.0, 20.0], atol=0.1)
+    assert draw_regions(axes, plain) == []
+    draw_map(error_map(alignment), tmp_path / "map.png")
+    assert imread(tmp_path / "map.png").shape[1] == 1410
