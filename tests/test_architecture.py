@@ -43,6 +43,7 @@ SINGLE_IMPORTER = {
     "h5py": "io",
     "serial": "device",
     "matplotlib": "report",
+    "jinja2": "report",
     "trimesh": "formats",
     "OCP": "formats",
     "startinpy": "surfaces",

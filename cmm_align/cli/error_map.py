@@ -11,6 +11,7 @@ import click
 from cmm_align.cli import options
 from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
+from cmm_align.cli.papers import Papers
 from cmm_align.config import FILTERS, ErrorMapConfig
 from cmm_align.errors import OutputError, UsageError
 from cmm_align.report.pictures import FORMATS, PICTURES
@@ -75,6 +76,15 @@ own "error map" of 21 geometric components is another thing.)
     help="Colours from -L to +L, to compare a series.  [default: from the map]",
 )
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
+@click.option("--report", is_flag=True, help="Write <map>.html too: one page to look at, sign and print.")
+@click.option("--card", is_flag=True, help="Write <map>.card.pdf too: one A5 page for the operator.")
+@click.option(
+    "--pass",
+    "pass_number",
+    type=click.IntRange(1, 999),
+    metavar="N",
+    help="Which grind was measured, for the card.",
+)
 @output_option("<measured>.map.h5")
 def command(
     job: Job,
@@ -92,6 +102,9 @@ def command(
     sections: tuple[str, ...],
     scale: float | None,
     no_picture: bool,
+    report: bool,
+    card: bool,
+    pass_number: int | None,
     output: Path | None,
 ) -> int:
     """Parse, call, show."""
@@ -119,7 +132,10 @@ def command(
     )
     if scale is not None:
         config = replace(config, picture_scale_um=scale * UM_PER_MM)
-    return finish(job, make_map(job, aligned, config, drawings=drawings, output=output))
+    if pass_number is not None and not card:
+        raise UsageError("--pass without --card", expected="--card, which shows the number")
+    papers = Papers(report=report, card=card, pass_number=pass_number)
+    return finish(job, make_map(job, aligned, config, drawings=drawings, papers=papers, output=output))
 
 
 def make_map(
@@ -128,9 +144,10 @@ def make_map(
     config: ErrorMapConfig,
     *,
     drawings: Drawings | None = None,
+    papers: Papers = Papers(),
     output: Path | None = None,
 ) -> Outcome:
-    """Read an alignment, map its deviations, write map and pictures.
+    """Read an alignment, map its deviations, write map, pictures, and papers where wanted.
 
     Parameters
     ----------
@@ -140,6 +157,8 @@ def make_map(
     config : ErrorMapConfig
     drawings : Drawings, optional
         Which pictures, beside the output and with its stem; the map unless given.
+    papers : Papers
+        Which papers to write beside the output.
     output : Path, optional
         Beside the input unless given.
     """
@@ -159,7 +178,7 @@ def make_map(
     alignment = io.read_alignment(aligned)
     for text in drawings.sections:
         section_line(text, alignment.nominal.surface.bounds)  # before anything is computed or written
-    record.check_outputs(job, [output, *(path for _, path in pictures)], [aligned])
+    record.check_outputs(job, [output, *(path for _, path in pictures), *papers.paths(output)], [aligned])
     config = _with_region(job, config, alignment)
     deviation_map = error_map(alignment, config)
     steps = record.steps(job, [aligned], after=[aligned], error_map=config)
@@ -175,11 +194,16 @@ def make_map(
     verdict, reasons = summary.verdict_of(deviation_map)
     within = verdict == "PASS"
     command, advice = ("", "") if within else _compensation(deviation_map, output)
+    warnings = [*cautions.of_tolerances(deviation_map, config), *cautions.of_map(deviation_map)]
+    written, missing = papers.write(
+        deviation_map, output, wishes, steps, [*faults, *warnings], overwrite=job.overwrite
+    )
+    faults += missing
     return Outcome(
         command=job.command,
         noun=deviation_map,
         inputs=steps[-1].inputs,
-        outputs=[output, *drawn],
+        outputs=[output, *drawn, *written],
         result=results.of_map(deviation_map),
         rows=[
             ("tolerance", tolerances(config)),
@@ -189,11 +213,7 @@ def make_map(
         details=summary.details_of_map(deviation_map),
         verdict=verdict,
         reasons=reasons,
-        warnings=[
-            *faults,
-            *cautions.of_tolerances(deviation_map, config),
-            *cautions.of_map(deviation_map),
-        ],
+        warnings=[*faults, *warnings],
         advice="nothing: within tolerance" if within else advice,
         next_command="" if within else command,
         exit_code=OutputError.exit_code if faults else EXIT_OF_VERDICT[deviation_map.verdict],

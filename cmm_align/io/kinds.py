@@ -1,7 +1,8 @@
 """What an existing file is, before it is replaced: ours, or somebody else's work.
 
 The suffix of an output says what will be written to it. A stage file replaces only a stage file, a picture
-only a picture, points only points that carry our header; an empty file may always be replaced.
+only a picture, a page only a page of ours, points only points that carry our header; an empty file may
+always be replaced.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ _SVG_SUFFIX: Final = ".svg"
 _POINTS_SUFFIXES: Final = (".xyz", ".csv", ".txt")
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _SVG: Final = b"<svg"
+_PDF: Final = b"%PDF-"
+_PAGE: Final = b'<meta name="generator" content="cmm-align'
 _POINTS: Final = b"# cmm-align points "
 _HEAD_BYTES: Final = 4096
 _SCHEMAS: Final = "cmm-align/"
@@ -55,6 +58,10 @@ def refuse_another_kind(target: Path, where: str) -> None:
         good, kind = head.startswith(_PNG), "a PNG picture"
     elif suffix == _SVG_SUFFIX:
         good, kind = _SVG in head, "an SVG picture"
+    elif suffix == ".pdf":
+        good, kind = head.startswith(_PDF), "a PDF"
+    elif suffix == ".html":
+        good, kind = _PAGE in head, "a page of cmm-align"
     elif suffix in _POINTS_SUFFIXES:
         good, kind = head.startswith(_POINTS), "a points file of cmm-align"
     else:

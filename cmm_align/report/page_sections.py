@@ -1,0 +1,271 @@
+"""What the page says beside its map: sections of rows, each with a heading. Words only, no layout."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmm_align.model import Alignment, DeviationMap, PointStatus
+from cmm_align.model.low_orders import Kind
+from cmm_align.model.removed_motion import words as removed_words
+from cmm_align.report.alignment_summary import details_of_alignment, of_alignment, outliers_of
+from cmm_align.report.canvas import signed, thin
+from cmm_align.report.wording import as_length, as_percent, calm, decimals, two_digits
+from cmm_align.units import UM_PER_MM
+
+Row = tuple[str, ...]
+
+_MICRO = re.compile(r"(?<![^\s(])u(?=(?:m|rad)\b)")
+_MINUS = re.compile(r"(?<![^\s(±])-(?=\d)")
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One table of the page.
+
+    Attributes
+    ----------
+    title : str
+    rows : tuple of Row
+        The first word of a row is its label.
+    head : Row
+        Headings of the columns; empty for a list of labels and words.
+    note : str
+        A sentence under the table.
+    on_paper : bool
+        Whether it is printed; the page that is printed is one sheet.
+    """
+
+    title: str
+    rows: tuple[Row, ...]
+    head: Row = ()
+    note: str = ""
+    on_paper: bool = True
+
+
+def sections(deviation_map: DeviationMap, probe: str) -> list[Section]:
+    """Return the sections of a map in reading order; those with nothing to say are left out.
+
+    Parameters
+    ----------
+    deviation_map : DeviationMap
+    probe : str
+        Which ball, on which side of the nominal.
+    """
+    alignment = deviation_map.alignment
+    found = [
+        numbers(deviation_map),
+        judgements(deviation_map),
+        ladder(deviation_map),
+        form(deviation_map),
+        coverage(deviation_map),
+        outliers(alignment),
+        hidden(alignment),
+        pose(alignment),
+        conventions(deviation_map, probe),
+    ]
+    return [section for section in found if section.rows or section.note]
+
+
+def numbers(m: DeviationMap) -> Section:
+    """Return the numbers of the map beside those of the single points."""
+    both = (m.statistics, m.point_statistics)
+
+    def row(label: str, *values: str) -> Row:
+        return (label, *values)
+
+    def um(name: str) -> tuple[str, ...]:
+        return tuple(calm(getattr(s, name) * UM_PER_MM) for s in both)
+
+    def plus(name: str) -> tuple[str, ...]:
+        return tuple(_signed(getattr(s, name)) for s in both)
+
+    def at(name: str) -> tuple[str, ...]:
+        return tuple(f"({_place(getattr(s, name))})" for s in both)
+
+    rows = [
+        row("N", *(thin(s.n) for s in both)),
+        row("PV, µm", *um("pv_mm")),
+        row("RMS, µm", *um("rms_mm")),
+        row("u of the RMS, µm", two_digits(m.u_rms_mm * UM_PER_MM), ""),
+        row("PVr, µm", calm(m.pvr_mm * UM_PER_MM) if math.isfinite(m.pvr_mm) else "–", ""),
+        row("profile (ISO 1101), µm", *um("profile_mm")),
+        row("mean, µm", *plus("mean_mm")),
+        row("highest, µm", *plus("max_mm")),
+        row("at x, y, mm", *at("max_at_mm")),
+        row("lowest, µm", *plus("min_mm")),
+        row("at x, y, mm", *at("min_at_mm")),
+    ]
+    filtered = "" if m.filter is None else f"Filter of the map: {m.filter.words}; points are not filtered."
+    return Section("Numbers", tuple(rows), ("", "map", "single points"), filtered)
+
+
+def judgements(m: DeviationMap) -> Section:
+    """Return what was judged, against what, with which outcome."""
+    if not m.verdict_lines:
+        return Section("Tolerances", (), note="No tolerance given, so there is no verdict.")
+    return Section("Tolerances", tuple((shown(line),) for line in m.verdict_lines))
+
+
+def ladder(m: DeviationMap) -> Section:
+    """Return what is left after removing low orders, one after the other."""
+    rows = tuple(
+        (
+            shown(rung.removed),
+            calm(rung.pv_mm * UM_PER_MM),
+            calm(rung.rms_mm * UM_PER_MM),
+            calm(rung.pvr_mm * UM_PER_MM) if math.isfinite(rung.pvr_mm) else "–",
+        )
+        for rung in m.ladder
+    )
+    return Section("What is left without …", rows, ("removed", "PV, µm", "RMS, µm", "PVr, µm"))
+
+
+def form(m: DeviationMap) -> Section:
+    """Return what the form error consists of."""
+    low = m.low_orders
+    if low is None:
+        return Section("Form", ())
+    rows = tuple(
+        (
+            kind.name,
+            f"{_number(kind.amplitude_um)} ± {two_digits(kind.u_um)}",
+            "" if kind.angle_deg is None else _axis(kind),
+            calm(kind.rms_um),
+            as_percent(kind.share),
+        )
+        for kind in low.kinds
+    )
+    return Section(
+        "Form",
+        rows,
+        ("kind", "PV, µm", "axis, °", "RMS, µm", "share"),
+        shown(f"{low.words}. {low.basis}, {low.normalisation}; ± is the standard uncertainty."),
+    )
+
+
+def coverage(m: DeviationMap) -> Section:
+    """Return how much of the part is known, and by what."""
+    r = m.alignment.report
+    ny, nx = m.deviation_mm.shape
+    rows: list[Row] = []
+    if math.isfinite(m.coverage):
+        rows.append(("known", f"{as_percent(m.coverage)} of the {r.report_region or 'nominal'}"))
+    rows.append(("grid", f"{thin(m.statistics.n)} of {nx} × {ny} nodes, {as_length(m.spacing_mm)} apart"))
+    rows += _labelled(row for row in of_alignment(m.alignment) if row[0] in {"points", "regions", "weights"})
+    if m.filter is not None:
+        rows.append(("filter", shown(m.filter.words)))
+    return Section("Coverage", tuple(rows))
+
+
+def outliers(alignment: Alignment) -> Section:
+    """Return how many points were left out as outliers, and the worst."""
+    count = int(np.count_nonzero(alignment.status == PointStatus.OUTLIER))
+    if not count:
+        return Section("Outliers", (), note="None.")
+    worst = outliers_of(alignment)[0]
+    at = ", ".join(signed(float(v), 2) for v in alignment.contact_part_mm[worst])
+    told = f"{_signed(float(alignment.deviation_mm[worst]))} µm, point {alignment.ids[worst]} at ({at}) mm"
+    return Section(
+        "Outliers",
+        (("left out", thin(count)), ("worst", told)),
+        note="They are not in the map, the numbers or the verdict.",
+    )
+
+
+def hidden(alignment: Alignment) -> Section:
+    """Return what the best fit took away, held, or could not tell."""
+    r = alignment.report
+    rows: list[Row] = []
+    if r.removed is not None:
+        for line in removed_words(r.removed):
+            first, _, rest = line.partition(" ")
+            rows.append((first, shown(rest)) if r.removed.applies else (shown(line),))
+    rows += [("cannot be told", shown(text)) for text in r.unobservable]
+    wanted = {"locked", "weakly known", "criterion", "datum terms", "scale"}
+    rows += _labelled(row for row in of_alignment(alignment) if row[0] in wanted)
+    return Section("What the best fit hid", tuple(rows))
+
+
+def pose(alignment: Alignment) -> Section:
+    """Return where the part lay in the machine."""
+    wanted = {"part_from_machine", "pose known to", "uncertainty (k=1)", "stopped", "two paths differ by"}
+    told: dict[str, str] = {}
+    for label, words in (*of_alignment(alignment), *details_of_alignment(alignment)):
+        if label in wanted:
+            told.setdefault(label, shown(words))
+    rows: list[Row] = list(told.items())
+    matrix = alignment.part_from_machine.matrix()
+    lines = "; ".join("  ".join(signed(float(v), 6) for v in line) for line in matrix[:3])
+    rows.append(("matrix, rows", lines))
+    return Section("Pose", tuple(rows))
+
+
+def conventions(m: DeviationMap, probe: str) -> Section:
+    """Return what signs, frames and symbols mean."""
+    n = m.alignment.nominal
+    side = "+z" if n.side > 0 else "\N{MINUS SIGN}z"
+    b = n.surface.bounds
+    return Section(
+        "Conventions",
+        (
+            ("sign", f"+ = excess material, along the outward normal on the {side} side"),
+            ("frame", "x, y of the map: frame surface, the part seen along its projection direction"),
+            ("u", "standard uncertainty, k = 1"),
+            ("nominal", f"{n.kind}, {b.x_max - b.x_min:.2f} × {b.y_max - b.y_min:.2f} mm"),
+            ("its digest", n.digest[:16]),
+            ("probe", shown(probe)),
+        ),
+    )
+
+
+def headline(m: DeviationMap) -> list[tuple[str, str, str]]:
+    """Return the three numbers of the head: label, value in um, and what stands beside it."""
+    s, p = m.statistics, m.point_statistics
+    points = f"single points {calm(p.pv_mm * UM_PER_MM)}, N = {thin(p.n)}"
+    pvr = ("PVr", calm(m.pvr_mm * UM_PER_MM), "36 terms + 3 RMS of the rest")
+    profile = ("profile", calm(s.profile_mm * UM_PER_MM), "2 max |deviation|, ISO 1101")
+    return [
+        ("PV", calm(s.pv_mm * UM_PER_MM), f"N = {thin(s.n)} nodes; {points}"),
+        (
+            "RMS",
+            calm(s.rms_mm * UM_PER_MM),
+            f"u = {two_digits(m.u_rms_mm * UM_PER_MM)}; single points {calm(p.rms_mm * UM_PER_MM)}",
+        ),
+        pvr if math.isfinite(m.pvr_mm) else profile,
+    ]
+
+
+def shown(text: str) -> str:
+    """Return our own words with the signs that a page can show: µ, a true minus, ≤ and ≥."""
+    text = _MICRO.sub("µ", text).replace("<=", "≤").replace(">=", "≥")
+    return _MINUS.sub("\N{MINUS SIGN}", " ".join(text.split()))
+
+
+def _labelled(rows: Iterable[tuple[str, str]]) -> list[Row]:
+    return [(label, shown(words)) for label, words in rows]
+
+
+def _signed(value_mm: float) -> str:
+    um = value_mm * UM_PER_MM
+    return signed(um, decimals(um))
+
+
+def _number(value: float) -> str:
+    """Return a number with three digits that count and a true minus, if it is below zero."""
+    return ("\N{MINUS SIGN}" if value < 0.0 else "") + calm(abs(value))
+
+
+def _axis(kind: Kind) -> str:
+    """Return the direction of a kind with its uncertainty, degrees; nothing where it has none."""
+    if kind.angle_deg is None or kind.u_angle_deg is None:
+        return ""
+    return f"{kind.angle_deg:.1f} ± {max(kind.u_angle_deg, 0.1):.1f}"
+
+
+def _place(at_mm: tuple[float, float]) -> str:
+    return f"{signed(at_mm[0], 2)}, {signed(at_mm[1], 2)}"
