@@ -89,6 +89,7 @@ def write_page(
     script, style, paper = (_template_text(name) for name in ("page.js", "page.css", "paper.css"))
     from markupsafe import Markup
 
+    shown_pictures, left_out = _chosen(pictures)
     text = (
         _environment()
         .get_template("page.html")

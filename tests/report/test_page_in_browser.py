@@ -201,6 +201,16 @@ def test_names_are_shown_as_text(opened):
     assert page.locator("img").get_attribute("alt") == NAME
 
 
+def test_a_picture_is_enlarged_by_a_click(opened):
+    button = opened.page.locator(".enlarge")
+    small = button.bounding_box()["width"]
+    button.click()
+    assert button.get_attribute("aria-expanded") == "true"
+    assert button.bounding_box()["width"] >= small
+    button.click()
+    assert button.get_attribute("aria-expanded") == "false"
+
+
 @pytest.mark.parametrize("much", [0, 45], ids=["plain", "much to say"])
 def test_it_prints_on_one_sheet_of_a4(browser, a_map, tmp_path, much):
     warnings = [f"warning {k}: " + "something that takes a line or two of the page " * 3 for k in range(much)]

@@ -388,6 +388,10 @@
   exact.addEventListener("change", () => setLimit(Number(exact.value), exact));
   byId("reset").addEventListener("click", () => setLimit(data.limit_um, null));
 
+  for (const button of document.querySelectorAll(".enlarge"))
+    button.addEventListener("click", () =>
+      button.setAttribute("aria-expanded", button.parentElement.classList.toggle("large")));
+
   let width = 0;
   const fit = () => {
     const now = canvas.parentElement.clientWidth;
