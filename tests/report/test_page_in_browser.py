@@ -96,6 +96,10 @@ class Opened:
         left, top, scale, x, y = (float(d[k]) for k in ("left", "top", "scale", "x", "y"))
         return box["x"] + left + (x_mm - x) * scale, box["y"] + top + (y - y_mm) * scale
 
+    def point(self, x_mm, y_mm):
+        self.page.locator("#map").scroll_into_view_if_needed()
+        self.page.mouse.move(*self.place_of(x_mm, y_mm))
+
     def read(self, name):
         return self.page.locator(f"#read-{name}").text_content()
 
@@ -137,7 +141,7 @@ def test_the_read_out_shows_the_values_of_the_map(opened, a_map):
     for iy, ix in known[[len(known) // 7, len(known) // 2, -len(known) // 5]]:
         # not on the node itself: the nearest one counts
         aside = 0.3 * a_map.spacing_mm
-        opened.page.mouse.move(*opened.place_of(a_map.x_mm[ix] + aside, a_map.y_mm[iy] - aside))
+        opened.point(a_map.x_mm[ix] + aside, a_map.y_mm[iy] - aside)
 
         assert opened.read("deviation") == text_of(a_map.deviation_mm[iy, ix] * 1e3)
         assert opened.read("u") == f"{a_map.sigma_mm[iy, ix] * 1e3:.3f}"
@@ -146,7 +150,7 @@ def test_the_read_out_shows_the_values_of_the_map(opened, a_map):
 
 
 def test_a_hole_is_told_as_a_hole_and_hatched(opened, a_map):
-    opened.page.mouse.move(*opened.place_of(25.0, 5.0))
+    opened.point(25.0, 5.0)
 
     assert opened.read("deviation") == "not known"
     red, green, blue, _ = opened.colour(26.5, 6.2)
@@ -229,7 +233,7 @@ def test_at_any_width_it_reads_right_and_needs_no_scrolling_sideways(opened, a_m
     opened.page.set_viewport_size({"width": width, "height": 1400})
     opened.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     iy, ix = np.argwhere(np.isfinite(a_map.deviation_mm))[100 + width // 2]
-    opened.page.mouse.move(*opened.place_of(a_map.x_mm[ix], a_map.y_mm[iy]))
+    opened.point(a_map.x_mm[ix], a_map.y_mm[iy])
 
     assert opened.page.evaluate("document.documentElement.scrollWidth") <= width
     assert opened.read("deviation") == text_of(a_map.deviation_mm[iy, ix] * 1e3)
@@ -241,7 +245,7 @@ def test_on_a_narrow_window_a_fine_map_is_read_with_four_decimals(browser, a_map
     fine = replace(a_map, deviation_mm=a_map.deviation_mm / 20.0, statistics=s)
     window = Opened(browser, write(fine, tmp_path / "p.html"), 400)
     iy, ix = np.argwhere(np.isfinite(fine.deviation_mm))[77]
-    window.page.mouse.move(*window.place_of(fine.x_mm[ix], fine.y_mm[iy]))
+    window.point(fine.x_mm[ix], fine.y_mm[iy])
     told, wide = window.read("deviation"), window.page.evaluate("document.documentElement.scrollWidth")
     window.page.close()
 
