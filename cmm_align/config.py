@@ -148,8 +148,37 @@ class CompensateConfig:
 
     gain: float = 1.0
     """Share of the deviation to take off in one pass."""
+    gain_rule: str = "fixed"
+    """fixed: this gain for all waves that are corrected; wiener: a gain for each wavelength, by how far the
+    form stands out of the noise."""
+    force_gain: bool = False
+    """Allow a gain over 1.2, below 2."""
+    low_pass_mm: float = 0.0
+    """Correct no shorter waves than this; 0 leaves it to spacing, noise and wheel."""
+    region: str = ""
+    """Correct only there (circle:X,Y,R and so on), fading out around it; the whole nominal by default."""
+    edge_taper_mm: float = 0.0
+    """Width over which the correction fades where nothing was measured; 0 for that of the wheel's contact."""
+    min_points_per_cell: int = 3
+    """Do not correct by fewer points to a cell: a square of half the shortest corrected wave."""
+    transfer: str = ""
+    """Share of a commanded change that reaches the part: "0.9", or "0.95@30mm, 0.8@10mm"; 1 if not given."""
+    u_transfer: float = 0.1
+    """Its standard uncertainty."""
+    repeatability_um: float = 0.5
+    """RMS of what differs from pass to pass after a best fit."""
+    repeatability_length_mm: float = 0.0
+    """Its correlation length; 0 for a twelfth of the diagonal of the part."""
+    trust_me: bool = False
+    """Go on although the last pass was not ground, or made the part worse."""
     max_correction_um: float = 200.0
     """Refuse a larger correction."""
+    warn_slope_mrad: float = 2.0
+    """Warn of a steeper correction."""
+    max_slope_mrad: float = 5.0
+    """Refuse a steeper correction."""
+    thickness_budget_um: float = 0.0
+    """Most that all passes together may take off; 0 is no limit."""
     text_decimals: int = 6
     """Decimals, in mm, of the exported text."""
     wheel_radius_mm: float = 0.0
@@ -185,6 +214,9 @@ ALIGN_CHOICES: Final[dict[str, tuple[str, ...]]] = {
     "method": ("foot-point", "icp", "point-to-plane", "facet", "xiong", "estimated-normals"),
 }
 """What the settings of `align` that are names may be."""
+
+GAIN_RULES: Final = ("fixed", "wiener")
+"""What the rule of the gain may be."""
 
 FILTERS: Final = ("gaussian", "gaussian-order-0", "gaussian-robust", "spline")
 """What the filter of `error-map` may be."""
@@ -224,7 +256,15 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "tolerance_pv_um": (0.0, 1e9),
     "tolerance_rms_um": (0.0, 1e9),
     "guard_factor": (0.0, 10.0),
-    "gain": (0.0, 1.2),
+    "gain": (0.0, 2.0),
+    "edge_taper_mm": (0.0, 1e6),
+    "min_points_per_cell": (1, 1_000_000),
+    "u_transfer": (0.0, 1.0),
+    "repeatability_um": (0.0, 1e6),
+    "repeatability_length_mm": (0.0, 1e6),
+    "warn_slope_mrad": (1e-6, 1e4),
+    "max_slope_mrad": (1e-6, 1e4),
+    "thickness_budget_um": (0.0, 1e9),
     "max_correction_um": (1e-6, 1e9),
     "text_decimals": (5, 12),
     "wheel_radius_mm": (0.0, 1e4),

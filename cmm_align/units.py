@@ -26,6 +26,7 @@ REFERENCE_C: Final = 20.0
 """Temperature at which a part has its size, degrees C: ISO 1."""
 NM_PER_MM: Final = 1e6
 URAD_PER_RAD: Final = 1e6
+MRAD_PER_RAD: Final = 1e3
 DEG_PER_RAD: Final = 180.0 / math.pi
 RAD_PER_DEG: Final = math.pi / 180.0
 

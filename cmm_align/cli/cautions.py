@@ -141,7 +141,7 @@ def of_tolerances(deviation_map: DeviationMap, config: ErrorMapConfig) -> list[s
 
 def of_correction(correction: Correction) -> list[str]:
     """Return what to know about a correction."""
-    texts = []
+    texts = [] if correction.limits is None else list(correction.limits.warnings)
     share = continued_share(correction)
     if share > MANY_CONTINUED:
         texts.append(

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from cmm_align.cli import options
 from cmm_align.cli.job import Job, Outcome, beside, typed
-from cmm_align.cli.options import FILE, output_option
-from cmm_align.config import CompensateConfig
-from cmm_align.errors import InputError, UsageError
+from cmm_align.cli.options import FILE, Length, output_option
+from cmm_align.config import GAIN_RULES, CompensateConfig, checked
+from cmm_align.errors import InputError, UsageError, WrongStageError
+from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
     from cmm_align.model import Correction, DeviationMap
@@ -33,7 +34,18 @@ such a file lies beside MAP, one of --previous and --first-pass must be given.
 
 @options.command("compensate", TEXT)
 @click.argument("map_file", type=FILE, metavar="MAP")
-@click.option("--gain", type=float, metavar="G", help="Share to take off.  [default: 1.0]")
+@click.option("--gain", metavar="G", help="Share to take off, or wiener: one by wavelength.  [default: 1.0]")
+@click.option("--force-gain", is_flag=True, help="Allow a gain over 1.2, below 2.")
+@click.option("--low-pass", type=Length(), metavar="L", help="Correct no shorter waves than L.")
+@click.option("--region", metavar="R", help="Correct only there: circle:X,Y,R, aperture:-2mm, ...")
+@click.option(
+    "--transfer", metavar="C", help='Share of a command that reaches the part: 0.9, or "0.95@30mm, 0.8@10mm".'
+)
+@click.option(
+    "--repeatability", type=Length(positive=False), metavar="L", help="RMS between passes, as 0.5um."
+)
+@click.option("--thickness-budget", type=Length(), metavar="L", help="Most that all passes may take off.")
+@click.option("--trust-me", is_flag=True, help="Go on although the last pass did nothing, or harm.")
 @click.option("--previous", type=FILE, metavar="FILE", help="Correction that this part was ground with.")
 @click.option("--first-pass", is_flag=True, help="The part was ground to the nominal, with no correction.")
 @click.option("--text-decimals", type=click.IntRange(5, 12), help="Decimals of the text, mm.  [default: 6]")
@@ -43,7 +55,14 @@ def command(
     job: Job,
     *,
     map_file: Path,
-    gain: float | None,
+    gain: str | None,
+    force_gain: bool,
+    low_pass: float | None,
+    region: str | None,
+    transfer: str | None,
+    repeatability: float | None,
+    thickness_budget: float | None,
+    trust_me: bool,
     previous: Path | None,
     first_pass: bool,
     text_decimals: int | None,
@@ -53,11 +72,18 @@ def command(
     """Parse, call, show."""
     from cmm_align.cli.show import finish
 
-    config = job.config.compensate
-    if gain is not None:
-        config = replace(config, gain=gain)
-    if text_decimals is not None:
-        config = replace(config, text_decimals=text_decimals)
+    config = _with_gain(job.config.compensate, gain)
+    given: dict[str, Any] = {
+        "low_pass_mm": low_pass,
+        "region": region,
+        "transfer": transfer,
+        "repeatability_um": None if repeatability is None else repeatability * UM_PER_MM,
+        "thickness_budget_um": None if thickness_budget is None else thickness_budget * UM_PER_MM,
+        "text_decimals": text_decimals,
+        "force_gain": force_gain or None,
+        "trust_me": trust_me or None,
+    }
+    config = checked(replace(config, **{name: value for name, value in given.items() if value is not None}))
     return finish(
         job,
         make_correction(
@@ -70,6 +96,18 @@ def command(
             output=output,
         ),
     )
+
+
+def _with_gain(config: CompensateConfig, text: str | None) -> CompensateConfig:
+    """Return the settings with the gain of the command line, a number or the word wiener."""
+    if text is None:
+        return config
+    if text.strip().lower() in GAIN_RULES:
+        return replace(config, gain_rule=text.strip().lower())
+    try:
+        return replace(config, gain=float(text), gain_rule="fixed")
+    except ValueError:
+        raise UsageError(f"--gain {text}", expected="a number above 0 and at most 1.2, or wiener") from None
 
 
 def make_correction(
@@ -128,6 +166,8 @@ def make_correction(
     deviation_map = io.read_map(map_file)
     if previous is None and not first_pass:
         _check_first_pass(map_file, deviation_map, output)
+    if before is not None and previous is not None and not config.trust_me:
+        _check_last_pass(map_file, deviation_map, previous, before, output)
     record.check_outputs(job, outputs, inputs)
     correction = compensate(deviation_map, config, before)
     _check_data(correction, str(map_file))
@@ -172,6 +212,24 @@ def _check_first_pass(map_file: Path, deviation_map: DeviationMap, output: Path)
             f"{path.name} (same nominal) lies beside this map",
             remedy=f"if the part was ground with it give {typed('--previous', path)}, else --first-pass",
         )
+
+
+def _check_last_pass(
+    map_file: Path, deviation_map: DeviationMap, previous: Path, before: Correction, output: Path
+) -> None:
+    """Refuse a previous pass that a later one was made from: the part was hardly ground with the older."""
+    from cmm_align.io.earlier_passes import earlier_passes
+    from cmm_align.stages.compensate import map_digest
+
+    nominal, digest = deviation_map.alignment.nominal.digest, map_digest(deviation_map)
+    for later in earlier_passes(map_file.parent, nominal, digest, [output, previous]):
+        if before.map_digest in later.applied_maps:
+            raise WrongStageError(
+                f"{later.path.name} beside this map is pass {later.pass_number} of the chain whose pass "
+                f"{before.pass_number} was given",
+                expected="the pass that this part was ground with last",
+                remedy=f"give {typed('--previous', later.path)}; if that was never ground, --trust-me",
+            )
 
 
 def _check_data(correction: Correction, where: str) -> None:

@@ -19,7 +19,7 @@ from cmm_align.cli.job import Outcome
 from cmm_align.errors import InputError
 from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, Statistics
 from cmm_align.report.alignment_summary import outliers_of
-from cmm_align.units import DEG_PER_RAD, NM_PER_MM, UM_PER_MM
+from cmm_align.units import DEG_PER_RAD, MRAD_PER_RAD, NM_PER_MM, UM_PER_MM
 
 if TYPE_CHECKING:
     from cmm_align.stages.plan import MeasuringPlan
@@ -264,6 +264,70 @@ def of_correction(correction: Correction, exports: Sequence[Path]) -> dict[str, 
         "reason": correction.reason,
         "n_extended": int(correction.extended.sum()),
         "exports": [str(path) for path in exports],
+        "gain_rule": correction.gain_rule,
+        **_of_band(correction),
+        **_of_prediction(correction),
+        **_of_limits(correction),
+        **_of_response(correction),
+    }
+
+
+def _of_band(correction: Correction) -> dict[str, Any]:
+    """Return which waves a correction holds."""
+    band = correction.band
+    if band is None:
+        return {}
+    return {
+        "low_pass_mm": band.low_pass_mm,
+        "low_pass_bound": band.bound,
+        "sampling_limit_mm": band.sampling_mm,
+        "noise_limit_mm": band.noise_mm,
+        "wheel_limit_mm": band.wheel_mm or None,
+    }
+
+
+def _of_prediction(correction: Correction) -> dict[str, Any]:
+    """Return what to expect, with 95 % intervals."""
+    p = correction.prediction
+    if p is None:
+        return {}
+    return {
+        "predicted_rms_interval_um": [p.rms_low_mm * UM_PER_MM, p.rms_high_mm * UM_PER_MM],
+        "predicted_pv_interval_um": [p.pv_low_mm * UM_PER_MM, p.pv_high_mm * UM_PER_MM],
+        "correctable_rms_um": p.correctable_rms_mm * UM_PER_MM,
+        "noise_um": p.noise_mm * UM_PER_MM,
+        "repeatability_um": p.repeatability_mm * UM_PER_MM,
+        "transfer": list(p.transfer.share),
+        "transfer_wavelength_mm": list(p.transfer.wavelength_mm),
+        "u_transfer": p.transfer.u,
+    }
+
+
+def _of_limits(correction: Correction) -> dict[str, Any]:
+    """Return the sizes that have limits, and what was left out."""
+    limits = correction.limits
+    if limits is None:
+        return {}
+    return {
+        "max_slope_mrad": limits.max_slope_rad * MRAD_PER_RAD,
+        "removal_um": limits.removal_mm * UM_PER_MM,
+        "total_removal_um": limits.total_removal_mm * UM_PER_MM,
+        "taper_mm": limits.taper_mm,
+        "region": limits.region or None,
+        "n_beyond": limits.n_beyond,
+        "n_bridged": limits.n_bridged,
+        "n_few_points": limits.n_few_points,
+        "n_outside_region": limits.n_outside_region,
+        "n_clipped": limits.n_clipped,
+    }
+
+
+def _of_response(correction: Correction) -> dict[str, Any]:
+    """Return what came of the pass before; nulls for the first."""
+    r = correction.response
+    return {
+        "previous_transfer": None if r is None else r.transfer,
+        "previous_u_transfer": None if r is None else r.u_transfer,
     }
 
 

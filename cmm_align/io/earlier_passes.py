@@ -18,6 +18,8 @@ class EarlierPass(NamedTuple):
 
     path: Path
     pass_number: int
+    applied_maps: tuple[str, ...]
+    """Maps that it has in it from the passes before."""
 
 
 def earlier_passes(
@@ -45,9 +47,12 @@ def earlier_passes(
             with opened(path) as file:
                 if file.attrs.get("schema") != CORRECTION:
                     continue
-                made_from = [attribute(file, "/plan", "map_digest"), *_applied(file)]
+                applied = _applied(file)
+                made_from = [attribute(file, "/plan", "map_digest"), *applied]
                 if attribute(file, CARRIED, "digest") == nominal_digest and map_digest not in made_from:
-                    found.append(EarlierPass(path, attribute(file, "/plan", "pass_number", int)))
+                    found.append(
+                        EarlierPass(path, attribute(file, "/plan", "pass_number", int), tuple(applied))
+                    )
         except InputError:
             continue  # a file that cannot be read is no earlier pass
     return sorted(found, key=lambda one: -one.pass_number)

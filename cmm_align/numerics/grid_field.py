@@ -70,7 +70,7 @@ def continued(field: Array) -> Array:
     unknown = np.isnan(field)
     if not unknown.any() or unknown.all():
         return field.copy()
-    result = np.where(unknown, _refined(continued(_coarsened(field)), field.shape), field)
+    result = np.where(unknown, refined(continued(coarsened(field)), field.shape), field)
     for _ in range(_SWEEPS):
         around = np.pad(result, 1, mode="edge")
         mean = 0.25 * (around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:])
@@ -114,8 +114,17 @@ def _cubic_weights(t: Array) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def _coarsened(field: Array) -> Array:
-    """Return means of the known nodes of 2 x 2 blocks; NaN where a block knows none."""
+def coarsened(field: Array) -> Array:
+    """Return means of the known nodes of 2 x 2 blocks; NaN where a block knows none.
+
+    Parameters
+    ----------
+    field : ndarray, shape (ny, nx)
+
+    Returns
+    -------
+    ndarray, shape (ceil(ny / 2), ceil(nx / 2))
+    """
     ny, nx = field.shape
     even = np.full((ny + ny % 2, nx + nx % 2), np.nan)
     even[:ny, :nx] = field
@@ -126,8 +135,20 @@ def _coarsened(field: Array) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _refined(coarse: Array, shape: tuple[int, ...]) -> Array:
-    """Return a coarse field on the fine nodes, linear between the middles of the blocks."""
+def refined(coarse: Array, shape: tuple[int, ...]) -> Array:
+    """Return a coarse field on the fine nodes, linear between the middles of the blocks.
+
+    Parameters
+    ----------
+    coarse : ndarray, shape (my, mx)
+        As `coarsened` gives it.
+    shape : tuple of int
+        Of the fine field.
+
+    Returns
+    -------
+    ndarray of that shape
+    """
     for axis in (0, 1):
         around = np.pad(coarse, [(1, 1) if k == axis else (0, 0) for k in (0, 1)], mode="edge")
         n = coarse.shape[axis]

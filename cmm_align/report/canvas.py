@@ -273,9 +273,9 @@ def legend(figure: Figure, entries: Sequence[tuple[Artist, str]], right: float, 
         )
 
 
-def hatched_patch() -> Rectangle:
+def hatched_patch(hatch: str = "////") -> Rectangle:
     """Return the sample of a hatched area for a legend."""
-    return Rectangle((0, 0), 1, 1, facecolor=UNKNOWN, edgecolor="#8b96a1", hatch="////", linewidth=0.5)
+    return Rectangle((0, 0), 1, 1, facecolor=UNKNOWN, edgecolor="#8b96a1", hatch=hatch, linewidth=0.5)
 
 
 def plain(text: str) -> str:

@@ -7,10 +7,11 @@ from typing import Final
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.path import Path as MplPath
 
-from cmm_align.model import Correction
+from cmm_align.model import Correction, CorrectionStatus
 from cmm_align.report.canvas import (
     STYLE,
     WIDTH_IN,
@@ -24,12 +25,13 @@ from cmm_align.report.canvas import (
     limit_um,
     save,
     sheet,
+    thin,
     three_digits,
 )
 from cmm_align.report.deviation_colours import LEAVE_HUE_DEG, TAKE_OFF_HUE_DEG
 from cmm_align.report.field import draw_field
 from cmm_align.report.map_picture import map_size, origin, version
-from cmm_align.surfaces.protocol import Array
+from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.units import UM_PER_MM
 
 TAKE_OFF: Final = "take off"
@@ -70,17 +72,18 @@ def draw_correction(
         dress(axes, c.nominal)
         box = (left + wide + 0.015, bottom + 0.10 * tall, 0.017, 0.72 * tall)
         draw_scale(figure, image, box, limit, (TAKE_OFF, LEAVE.replace(" or ", "\nor ")))
-        n_extended, n = int(c.extended.sum()), int(np.isfinite(c.correction_mm).sum())
-        if n_extended:
-            _hatch(axes, c, outline)
-            words = f"continued from neighbours ({n_extended} of {n} nodes)"
-            legend(figure, [(hatched_patch(), words)], left + wide, height_in)
+        marks = [
+            (_hatched(axes, c, mask, hatch, outline), f"{words} ({thin(int(mask.sum()))})")
+            for words, hatch, mask in _reasons(c)
+        ]
+        if marks:
+            legend(figure, marks, left + wide, height_in)
         low, high = (float(f(c.correction_mm)) * UM_PER_MM for f in (np.nanmin, np.nanmax))
         header(
             figure,
             title,
             [
-                f"pass {c.pass_number}, gain {c.gain:g}: \N{MINUS SIGN} = {TAKE_OFF}, + = {LEAVE}, "
+                f"pass {c.pass_number}, {_gain_words(c)}: \N{MINUS SIGN} = {TAKE_OFF}, + = {LEAVE}, "
                 "along the outward normal",
                 "not a deviation: the opposite sign of what was measured",
             ],
@@ -95,12 +98,32 @@ def draw_correction(
         save(figure, path)
 
 
-def _hatch(axes: Axes, c: Correction, outline: MplPath) -> None:
-    """Hatch the nodes without data of their own."""
+def _gain_words(c: Correction) -> str:
+    return f"gain by wavelength, {c.gain:.2f} on average" if c.gain_rule == "wiener" else f"gain {c.gain:g}"
+
+
+def _reasons(c: Correction) -> list[tuple[str, str, Mask]]:
+    """Return why nodes are not as the map says: words, hatch, and the nodes inside the aperture."""
+    if c.status is None:
+        return [("continued from neighbours", "////", c.extended)] if c.extended.any() else []
+    inside = np.isfinite(c.correction_mm)
+    continued = np.isin(c.status, (CorrectionStatus.BEYOND, CorrectionStatus.BRIDGED))
+    found = [
+        ("continued from neighbours", "////", inside & continued),
+        ("too few points", "....", inside & (c.status == CorrectionStatus.FEW_POINTS)),
+        ("clipped", "xxxx", inside & (c.status == CorrectionStatus.CLIPPED)),
+        ("outside the region", "\\\\\\\\", inside & (c.status == CorrectionStatus.OUTSIDE_REGION)),
+    ]
+    return [one for one in found if one[2].any()]
+
+
+def _hatched(axes: Axes, c: Correction, nodes: Mask, hatch: str, outline: MplPath) -> Artist:
+    """Hatch nodes, and return the sample for the legend."""
     x, y = _cell_edges(c.x_mm), _cell_edges(c.y_mm)
-    cells = np.pad(c.extended.astype(float), 1, mode="edge").repeat(2, axis=0).repeat(2, axis=1)
-    hatched = axes.contourf(x, y, cells, levels=[0.5, 1.5], colors="none", hatches=["////"], zorder=3)
+    cells = np.pad(nodes.astype(float), 1, mode="edge").repeat(2, axis=0).repeat(2, axis=1)
+    hatched = axes.contourf(x, y, cells, levels=[0.5, 1.5], colors="none", hatches=[hatch], zorder=3)
     hatched.set_clip_path(outline, transform=axes.transData)
+    return hatched_patch(hatch)
 
 
 def _cell_edges(nodes_mm: Array) -> Array:

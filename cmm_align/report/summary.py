@@ -16,6 +16,7 @@ from cmm_align.model import (
     Verdict,
 )
 from cmm_align.report.wording import as_length, as_percent, at_place, extreme, in_nm, in_um
+from cmm_align.units import MRAD_PER_RAD, UM_PER_MM
 
 Rows = list[tuple[str, str]]
 
@@ -130,18 +131,61 @@ def of_correction(correction: Correction) -> Rows:
     known = c.correction_mm[c.correction_mm == c.correction_mm]  # not NaN
     n_extended = int(c.extended.sum())
     return [
-        ("pass", f"{c.pass_number}, gain {c.gain:g}"),
+        ("pass", f"{c.pass_number}, {gain_words(c)}"),
+        *([("band", c.band.words)] if c.band is not None else []),
         ("correction", f"{extreme(float(known.min()))} to {extreme(float(known.max()))}"),
         ("", "- = take off, + = leave or raise, along the outward normal"),
         ("now", f"{_pv_rms(c.before)} of {c.before.n} points"),
         ("expected after", f"{_pv_rms(c.predicted)} of {c.predicted.n} points"),
-        ("", "as far as the map resolves it; noise and repeatability of the machine come on top"),
+        *_expected(c),
         ("another pass", c.reason),
+        *([("pass before", c.response.words)] if c.response is not None else []),
         (
             "grid",
             f"{len(c.x_mm)} x {len(c.y_mm)} nodes, {n_extended} of {known.size} continued from neighbours",
         ),
+        *_left_out(c),
     ]
+
+
+def gain_words(correction: Correction) -> str:
+    """Return the gain as it is said."""
+    if correction.gain_rule == "wiener":
+        return f"gain by wavelength (Wiener), {correction.gain:.2f} on average"
+    return f"gain {correction.gain:g}"
+
+
+def _expected(c: Correction) -> Rows:
+    """Return the interval of the prediction and what it takes for granted."""
+    p = c.prediction
+    if p is None:
+        return []
+    share = "a transfer" if p.transfer.wavelength_mm else f"a transfer of {p.transfer.share[0]:g}"
+    known = "" if p.transfer.known else " (not known)"
+    return [
+        (
+            "",
+            f"95 %: RMS {_um(p.rms_low_mm)} to {_um(p.rms_high_mm)}, PV {_um(p.pv_low_mm)} to "
+            f"{_um(p.pv_high_mm)}",
+        ),
+        ("", f"with {share} +- {p.transfer.u:g}{known}, {_um(p.repeatability_mm)} from pass to pass"),
+    ]
+
+
+def _left_out(c: Correction) -> Rows:
+    """Return the nodes that are not as the map says, by reason."""
+    limits = c.limits
+    if limits is None:
+        return []
+    counts = {
+        "beyond the data": limits.n_beyond,
+        "in holes": limits.n_bridged,
+        "with too few points": limits.n_few_points,
+        "clipped to the range of the data": limits.n_clipped,
+        "outside the region": limits.n_outside_region,
+    }
+    words = ", ".join(f"{n} {where}" for where, n in counts.items() if n)
+    return [("not as the map", words)] if words else []
 
 
 def details_of_correction(correction: Correction) -> Rows:
@@ -151,10 +195,31 @@ def details_of_correction(correction: Correction) -> Rows:
     low, high = float(total.min()), float(total.max())
     return [
         ("sum of all passes", f"{extreme(low)} to {extreme(high)}, relative to the nominal"),
+        *_sizes(c),
         ("maps before this", str(len(c.applied_maps))),
         ("spacing", f"{as_length(float(c.x_mm[1] - c.x_mm[0]))} x {as_length(float(c.y_mm[1] - c.y_mm[0]))}"),
         ("highest after", f"{extreme(c.predicted.max_mm)} at {at_place(c.predicted.max_at_mm)}"),
         ("lowest after", f"{extreme(c.predicted.min_mm)} at {at_place(c.predicted.min_at_mm)}"),
+    ]
+
+
+def _um(value_mm: float) -> str:
+    """Return a length of no great precision in um."""
+    return f"{value_mm * UM_PER_MM:.3g} um"
+
+
+def _sizes(c: Correction) -> Rows:
+    """Return slope, depth and fading of a correction."""
+    limits = c.limits
+    if limits is None:
+        return []
+    return [
+        (
+            "steepest",
+            f"{limits.max_slope_rad * MRAD_PER_RAD:.2g} mrad at {at_place(limits.max_slope_at_mm)}",
+        ),
+        ("takes off", f"{_um(limits.removal_mm)} this pass, {_um(limits.total_removal_mm)} in all"),
+        ("fades out over", as_length(limits.taper_mm)),
     ]
 
 

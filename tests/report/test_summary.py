@@ -51,7 +51,8 @@ def test_a_correction_shows_before_after_and_the_reason(alignment):
     assert rows["pass"] == "1, gain 1"
     text = " ".join(value for _, value in summary.of_correction(c))
     assert "- = take off, + = leave or raise" in text
-    assert "come on top" in text
+    assert "from pass to pass" in text
+    assert "set by" in rows["band"]
     assert text.isascii()
 
 
