@@ -9,6 +9,7 @@ The map of the house, in the order in which a measurement walks through it:
 - `cmm_align.surfaces` answers height, slope and curvature of any nominal.
 - `cmm_align.stages` holds the four steps: `offset` (equidistant surface), `align` (pose and deviations),
   `error_map` (gridded deviations) and `compensate` (the surface to command next). Pure functions.
+- `cmm_align.posts` writes what grinding and figuring machines read, and reads it back.
 - `cmm_align.numerics` is the mathematics below them: arrays in, arrays out.
 - `cmm_align.selftest` holds cases whose answer is known beforehand, for the user's own machine.
 - `cmm_align.report` draws; `cmm_align.cli` is the command line; `cmm_align.virtual` is a window, a CMM

@@ -194,6 +194,32 @@ class CompensateConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ExportConfig:
+    """Settings of what `compensate` writes for machines."""
+
+    formats: str = "xyz"
+    """Any of xyz, xyzijk, zemax, heidenhain, gcode-raster, gcode-spiral, template, dwell, with commas."""
+    post: str = ""
+    """File that describes the format `template`."""
+    feed_mm_min: float = 200.0
+    """Feed of the tool centre."""
+    line_spacing_mm: float = 0.0
+    """Most between the lines of a tool path; 0 takes every line of the grid."""
+    point_spacing_mm: float = 0.0
+    """Most between its points; 0 takes every node of the grid."""
+    raster_along: str = "x"
+    """Lines of a raster: along x or y of frame `surface`."""
+    spiral_direction: str = "inwards"
+    """inwards or outwards."""
+    safe_height_mm: float = 10.0
+    """Rapid moves stay this far above the highest point of the path."""
+    max_lines: int = 0
+    """Most lines that the control takes; 0 is no limit."""
+    footprint_radius_mm: float = 0.0
+    """Radius of the tool's footprint, by which a dwell grid reaches past the aperture."""
+
+
+@dataclass(frozen=True, slots=True)
 class Config:
     """All settings of a job."""
 
@@ -201,6 +227,7 @@ class Config:
     align: AlignConfig = AlignConfig()
     error_map: ErrorMapConfig = ErrorMapConfig()
     compensate: CompensateConfig = CompensateConfig()
+    export: ExportConfig = ExportConfig()
 
 
 ALIGN_CHOICES: Final[dict[str, tuple[str, ...]]] = {
@@ -220,6 +247,24 @@ GAIN_RULES: Final = ("fixed", "wiener")
 
 FILTERS: Final = ("gaussian", "gaussian-order-0", "gaussian-robust", "spline")
 """What the filter of `error-map` may be."""
+
+EXPORTS: Final = (
+    "xyz",
+    "xyzijk",
+    "zemax",
+    "heidenhain",
+    "gcode-raster",
+    "gcode-spiral",
+    "template",
+    "dwell",
+)
+"""What `compensate` can write for machines."""
+
+RASTERS: Final = ("x", "y")
+"""What the lines of a raster may be along."""
+
+SPIRALS: Final = ("inwards", "outwards")
+"""How a spiral may run."""
 
 LIMITS: Final[dict[str, tuple[float, float]]] = {
     "degree": (0, 5),
@@ -266,11 +311,17 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "max_slope_mrad": (1e-6, 1e4),
     "thickness_budget_um": (0.0, 1e9),
     "max_correction_um": (1e-6, 1e9),
-    "text_decimals": (5, 12),
+    "text_decimals": (6, 12),
     "wheel_radius_mm": (0.0, 1e4),
     "wheel_tip_radius_mm": (0.0, 1e4),
     "depth_of_cut_um": (0.0, 1e5),
     "depth_margin_um": (0.0, 1e5),
+    "feed_mm_min": (1e-3, 1e6),
+    "line_spacing_mm": (0.0, 1e6),
+    "point_spacing_mm": (0.0, 1e6),
+    "safe_height_mm": (0.0, 1e4),
+    "max_lines": (0, 1_000_000_000),
+    "footprint_radius_mm": (0.0, 1e4),
 }
 """Least and largest value of each number; outside them a setting is a mistake."""
 

@@ -33,6 +33,7 @@ DOORS = {
     "formats": SHARED | {"surfaces", "toml_table", "dialects"},
     "device": SHARED | {"surfaces", "dialects"},
     "report": SHARED | {"surfaces"},
+    "posts": SHARED | {"surfaces", "numerics", "io", "formats", "toml_table"},
     "files": SHARED | {"io", "formats", "surfaces", "dialects", "device"},
     "virtual": {"surfaces", "pose", "units"},
     "selftest": SHARED | {"surfaces", "numerics", "stages", "device", "virtual"},

@@ -10,29 +10,29 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from cmm_align.cli import options
+from cmm_align.cli.exporting import HEADINGS, exporting_options, with_options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
-from cmm_align.config import GAIN_RULES, CompensateConfig, checked
+from cmm_align.config import GAIN_RULES, CompensateConfig, ExportConfig, checked
 from cmm_align.errors import InputError, UsageError, WrongStageError
 from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
     from cmm_align.model import Correction, DeviationMap
     from cmm_align.provenance import Step
-    from cmm_align.surfaces.protocol import Array
 
 MOST_CONTINUED: Final = 0.5
 """Refuse where more than this share of the nodes has no data of its own."""
 
 TEXT = """The surface to grind next: what was commanded last, less the deviations of MAP.
 
-Writes the correction as HDF5 and the commanded surface as x, y, z text. From the second pass on give
-the correction of the pass before with --previous: the machine needs the sum, not the last piece. Where
-such a file lies beside MAP, one of --previous and --first-pass must be given.
+Writes the correction as HDF5 and the commanded surface as x, y, z text, or as --export says. From the
+second pass on give the correction of the pass before with --previous: the machine needs the sum, not the
+last piece. Where such a file lies beside MAP, one of --previous and --first-pass must be given.
 """
 
 
-@options.command("compensate", TEXT)
+@options.command("compensate", TEXT, headings=HEADINGS)
 @click.argument("map_file", type=FILE, metavar="MAP")
 @click.option("--gain", metavar="G", help="Share to take off, or wiener: one by wavelength.  [default: 1.0]")
 @click.option("--force-gain", is_flag=True, help="Allow a gain over 1.2, below 2.")
@@ -48,7 +48,7 @@ such a file lies beside MAP, one of --previous and --first-pass must be given.
 @click.option("--trust-me", is_flag=True, help="Go on although the last pass did nothing, or harm.")
 @click.option("--previous", type=FILE, metavar="FILE", help="Correction that this part was ground with.")
 @click.option("--first-pass", is_flag=True, help="The part was ground to the nominal, with no correction.")
-@click.option("--text-decimals", type=click.IntRange(5, 12), help="Decimals of the text, mm.  [default: 6]")
+@exporting_options
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.comp.h5")
 def command(
@@ -65,9 +65,9 @@ def command(
     trust_me: bool,
     previous: Path | None,
     first_pass: bool,
-    text_decimals: int | None,
     no_picture: bool,
     output: Path | None,
+    **grinding: Any,
 ) -> int:
     """Parse, call, show."""
     from cmm_align.cli.show import finish
@@ -79,17 +79,18 @@ def command(
         "transfer": transfer,
         "repeatability_um": None if repeatability is None else repeatability * UM_PER_MM,
         "thickness_budget_um": None if thickness_budget is None else thickness_budget * UM_PER_MM,
-        "text_decimals": text_decimals,
         "force_gain": force_gain or None,
         "trust_me": trust_me or None,
     }
-    config = checked(replace(config, **{name: value for name, value in given.items() if value is not None}))
+    config = replace(config, **{name: value for name, value in given.items() if value is not None})
+    config, export = with_options(checked(config), job.config.export, grinding)
     return finish(
         job,
         make_correction(
             job,
             map_file,
             config,
+            export=export,
             previous=previous,
             first_pass=first_pass,
             picture=not no_picture,
@@ -115,6 +116,7 @@ def make_correction(
     map_file: Path,
     config: CompensateConfig,
     *,
+    export: ExportConfig = ExportConfig(),  # noqa: B008 - frozen
     previous: Path | None = None,
     first_pass: bool = False,
     picture: bool = True,
@@ -128,6 +130,7 @@ def make_correction(
     map_file : Path
         What `error-map` wrote.
     config : CompensateConfig
+    export : ExportConfig
     previous : Path, optional
         What `compensate` wrote before this part was ground.
     first_pass : bool
@@ -142,21 +145,21 @@ def make_correction(
     UsageError
         If a correction of the same nominal lies beside the map and nobody says what it is.
     InputError
-        If more than half of the nodes would have to be continued without data.
+        If more than half of the nodes would have to be continued without data, or the wheel gouges or runs
+        in air.
     """
-    from cmm_align import files, io
-    from cmm_align.cli import cautions, opening, record, results
+    from cmm_align import io
+    from cmm_align.cli import cautions, exporting, opening, record, results
     from cmm_align.io.atomic import atomic_path
     from cmm_align.io.schema import CORRECTION, MAP
-    from cmm_align.model import PointKind, PointSet
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
 
     opening.check_stage(map_file, MAP, job.command, job.units)
     if output is None:
         output = beside(map_file, ".comp.h5")
-    text, drawing = output.with_suffix(".xyz"), output.with_suffix(".png")
-    outputs = [output, text, drawing] if picture else [output, text]
+    plan, drawing = exporting.plan_of(export, output), output.with_suffix(".png")
+    outputs = [output, *plan.paths, drawing] if picture else [output, *plan.paths]
     inputs = [map_file] if previous is None else [map_file, previous]
     if previous is not None:
         if first_pass:
@@ -171,12 +174,12 @@ def make_correction(
     record.check_outputs(job, outputs, inputs)
     correction = compensate(deviation_map, config, before)
     _check_data(correction, str(map_file))
-    steps = record.steps(job, inputs, after=inputs, compensate=config, first_pass=first_pass)
+    wheel, depth = exporting.checked_wheel(correction, config)
+    exports = exporting.prepared(plan, correction, config, beside(map_file, "").name)
+    steps = record.steps(job, inputs, after=inputs, compensate=config, export=export, first_pass=first_pass)
     io.write(correction, output, steps, overwrite=job.overwrite)
-    commanded = PointSet.of(
-        commanded_points(correction), kind=PointKind.COMMANDED, frame="part", source=str(text)
-    )
-    files.write_points(text, commanded, decimals=config.text_decimals, overwrite=job.overwrite)
+    for path, one in exports:
+        one.write(path, overwrite=job.overwrite)
     if picture:
         from cmm_align.report.correction_picture import draw_correction
 
@@ -188,12 +191,16 @@ def make_correction(
         noun=correction,
         inputs=steps[-1].inputs,
         outputs=outputs,
-        result=results.of_correction(correction, [text]),
-        rows=[*summary.of_correction(correction), results.probe_row(correction.nominal)],
+        result=results.of_correction(correction, plan.paths) | exporting.result(wheel, depth),
+        rows=[
+            *summary.of_correction(correction),
+            *exporting.rows(wheel, depth, plan.paths),
+            results.probe_row(correction.nominal),
+        ],
         details=summary.details_of_correction(correction),
-        warnings=cautions.of_correction(correction),
-        advice=f"grind {text.name}, measure the part again, and keep {output.name}: the compensation after "
-        "that one takes it with --previous",
+        warnings=[*cautions.of_correction(correction), *exporting.warnings(wheel)],
+        advice=f"grind {plan.paths[0].name}, measure the part again, and keep {output.name}: the "
+        "compensation after that one takes it with --previous",
         next_command=typed("cmm-align", "align", "MEASURED", _nominal_of(steps)),
     )
 
@@ -252,18 +259,3 @@ def _nominal_of(steps: Sequence[Step]) -> str:
         if step.command == "align" and step.inputs and Path(step.inputs[-1].path).is_file():
             return step.inputs[-1].path
     return "NOMINAL"
-
-
-def commanded_points(correction: Correction) -> Array:
-    """Return the commanded surface as points, row by row, nodes outside the aperture left out.
-
-    Returns
-    -------
-    ndarray, shape (n, 3), mm, frame `part`
-    """
-    import numpy as np
-
-    x, y = np.meshgrid(correction.x_mm, correction.y_mm)
-    inside = np.isfinite(correction.commanded_z_mm)
-    points = np.column_stack([x[inside], y[inside], correction.commanded_z_mm[inside]])
-    return correction.nominal.surface_from_part.inverse().apply(points)

@@ -15,6 +15,7 @@ import numpy as np
 
 from cmm_align.errors import MalformedInputError, UsageError
 from cmm_align.formats.decoding import decoded
+from cmm_align.formats.fixed_decimals import Field, lines_of
 from cmm_align.formats.source import Source, scale_to_mm
 from cmm_align.model import PointKind, PointSet
 from cmm_align.surfaces.grid import GridPoints, grid_surface
@@ -32,6 +33,7 @@ _FIRST: Final = re.compile(
 _CONTRADICTION: Final = 0.3
 """Slopes that differ from those of the heights by this share (RMS) belong to another surface."""
 _MOST_NODES: Final = 100_000_000
+_HEIGHT_ONLY: Final = (Field(0, 9), b" 0 0 0 ", Field(1, 0), b"\n")
 
 
 def recognises(head: bytes) -> bool:
@@ -192,17 +194,20 @@ def zemax_grid_sag_text(
             f"a grid of {nx} x {ny} points with heights of shape {z_mm.shape}",
             expected=f"at least {FEWEST} x {FEWEST} points at equal steps, heights (ny, nx)",
         )
-    parts = derivatives if derivatives is not None else (np.zeros_like(z_mm),) * 3
-    return _lines(x_mm, y_mm, (dx, dy), z_mm, parts)
+    return _lines(x_mm, y_mm, (dx, dy), z_mm, derivatives)
 
 
 def _lines(
-    x_mm: Array, y_mm: Array, step: tuple[float, float], z_mm: Array, parts: tuple[Array, Array, Array]
+    x_mm: Array, y_mm: Array, step: tuple[float, float], z_mm: Array, parts: tuple[Array, Array, Array] | None
 ) -> Iterator[bytes]:
     x0, y0 = 0.5 * float(x_mm[0] + x_mm[-1]), 0.5 * float(y_mm[0] + y_mm[-1])
     yield f"{len(x_mm)} {len(y_mm)} {step[0]:.12g} {step[1]:.12g} 0 {x0:.12g} {y0:.12g}\n".encode("ascii")
     for j in range(len(y_mm) - 1, -1, -1):
         known = np.isfinite(z_mm[j])
+        if parts is None:
+            height = np.where(known, z_mm[j], 0.0)
+            yield from lines_of(_HEIGHT_ONLY, [height, (~known).astype(np.float64)])
+            continue
         row = np.stack([z_mm[j], *(part[j] for part in parts)], axis=1)
         row = np.where(known[:, None] & np.isfinite(row), row, 0.0) + 0.0
         text = "%.9f %.12g %.12g %.12g %d\n" * len(row)

@@ -15,6 +15,9 @@ from cmm_align.errors import InputError, OutputError, OutputExistsError
 HDF5_SUFFIXES: Final = (".h5", ".hdf5")
 """Of the files that stages write."""
 
+POST_STEM: Final = ".post"
+"""What the stem of a file ends in whose format a user has described: any text."""
+
 _PNG_SUFFIX: Final = ".png"
 _SVG_SUFFIX: Final = ".svg"
 _POINTS_SUFFIXES: Final = (".xyz", ".csv", ".txt")
@@ -22,6 +25,7 @@ _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _SVG: Final = b"<svg"
 _PDF: Final = b"%PDF-"
 _PAGE: Final = b'<meta name="generator" content="cmm-align'
+_DWELL: Final = b"MATLAB 5.0 MAT-file, cmm-align "
 _POINTS: Final = b"# cmm-align points "
 _HEAD_BYTES: Final = 4096
 _SCHEMAS: Final = "cmm-align/"
@@ -62,8 +66,10 @@ def refuse_another_kind(target: Path, where: str) -> None:
         good, kind = head.startswith(_PDF), "a PDF"
     elif suffix == ".html":
         good, kind = _PAGE in head, "a page of cmm-align"
-    elif suffix in _POINTS_SUFFIXES:
+    elif suffix in _POINTS_SUFFIXES and not target.stem.endswith(POST_STEM):
         good, kind = head.startswith(_POINTS), "a points file of cmm-align"
+    elif suffix == ".mat":
+        good, kind = head.startswith(_DWELL), "a dwell grid of cmm-align"
     else:
         good, kind = b"\0" not in head, "a text file"
     if not good:

@@ -1,0 +1,99 @@
+"""G-code with the path of the tool's centre, as a raster or a spiral: G21 G90 G94, frame `part`.
+
+A stroke starts with a G1 that repeats the feed; its other points are lines of coordinates alone. Where the
+tool is lifted it goes along the direction of projection to a height above the highest point of the path, at
+rapid. Lines stay below 80 characters and carry no numbers, which no control needs. Tool, spindle and work
+offset are the machine's own and are left to the user.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from cmm_align.errors import MalformedInputError
+from cmm_align.formats.fixed_decimals import Field, Piece, lines_of
+from cmm_align.numerics.wheel import Wheel, centre_from_contact
+from cmm_align.posts.commanded import CommandedPoints
+from cmm_align.posts.contacts import contacts
+from cmm_align.posts.job import ExportJob
+from cmm_align.posts.limits import check_lines
+from cmm_align.posts.numbers import table_of
+from cmm_align.posts.rounding import rounding_mm
+from cmm_align.posts.tool_path import ToolPath, raster, spiral
+
+_CUT = b"G1 X"
+_RAPID = b"G0 X"
+
+
+def raster_blocks(job: ExportJob) -> Iterator[bytes]:
+    """Give the program of a raster."""
+    return _blocks(job, raster(job.correction, job.config), "raster")
+
+
+def spiral_blocks(job: ExportJob) -> Iterator[bytes]:
+    """Give the program of a spiral."""
+    return _blocks(job, spiral(job.correction, job.config), "spiral")
+
+
+def _blocks(job: ExportJob, path: ToolPath, kind: str) -> Iterator[bytes]:
+    """Give a program.
+
+    Raises
+    ------
+    UsageError
+        If there is no wheel, or more lines than the control takes.
+    """
+    wheel = job.known_wheel("G-code")
+    centres = path.points_mm + centre_from_contact(wheel, path.normals)
+    check_lines(len(centres) + 2 * int(path.lifted.sum()) + 9, job.config)
+    safe = float((centres @ path.up).max()) + job.config.safe_height_mm
+    columns = list(np.ascontiguousarray(centres.T))
+    xyz: list[Piece] = []
+    for k, axis in enumerate((b"X", b" Y", b" Z")):
+        xyz += [axis, Field(k, job.decimals)]
+    feed = f" F{job.config.feed_mm_min:.10g}\n".encode("ascii")
+
+    def move(code: bytes, k: int, end: bytes) -> bytes:
+        at = centres[k] if code == b"G1 " else centres[k] + (safe - centres[k] @ path.up) * path.up
+        return b"".join(lines_of([code, *xyz, end], list(at[:, None])))
+
+    yield (
+        f"%\n({job.program_name()})\n(CMM-ALIGN: TOOL CENTRES, {kind.upper()}, FRAME OF THE PART)\n"
+        f"({wheel.words.upper().replace('(', '').replace(')', '')})\nG21 G90 G94\n"
+    ).encode("ascii")
+    bounds = [*path.starts.tolist(), len(centres)]
+    for k, (first, end) in enumerate(pairwise(bounds)):
+        if path.lifted[k]:
+            if k:
+                yield move(b"G0 ", first - 1, b"\n")
+            yield move(b"G0 ", first, b"\n")
+        yield move(b"G1 ", first, feed)
+        yield from lines_of([*xyz, b"\n"], [column[first + 1 : end] for column in columns])
+    yield move(b"G0 ", len(centres) - 1, b"\n")
+    yield b"M30\n%\n"
+
+
+def read(raw: bytes, where: str, wheel: Wheel) -> CommandedPoints:
+    """Return the tool centres of a program, and the contacts recovered from them.
+
+    Raises
+    ------
+    MalformedInputError
+        If it is no whole program of this kind in mm and absolute coordinates.
+    """
+    lines = raw.split(b"\n")
+    if b"G21 G90 G94" not in lines[:12] or [line for line in lines if line][-2:] != [b"M30", b"%"]:
+        raise MalformedInputError("no whole program in mm and absolute coordinates", where=where)
+    cuts = [line for line in lines if line.startswith((b"X", _CUT))]
+    if not cuts or not cuts[0].startswith(_CUT):
+        raise MalformedInputError("no stroke", where=where, expected="G1 X Y Z F")
+    starts = np.array([k for k, line in enumerate(cuts) if line.startswith(_CUT)])
+    plain = [line[3:].partition(b" F")[0] if line.startswith(_CUT) else line for line in cuts]
+    centres = table_of(plain, 3, where, b"XYZ")
+    rapid = table_of([line[3:] for line in lines if line.startswith(_RAPID)], 3, where, b"XYZ")
+    rounding = rounding_mm(len(plain[0].split()[0].partition(b".")[2]))
+    found = contacts(centres, starts, wheel, rapid[0] - centres[0])
+    return CommandedPoints(found.points_mm, found.normals, centres, "part", rounding + found.error_mm)
