@@ -13,7 +13,7 @@ from cmm_align.cli import options
 from cmm_align.cli.exporting import HEADINGS, exporting_options, with_options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
-from cmm_align.config import GAIN_RULES, CompensateConfig, ExportConfig, checked
+from cmm_align.config import GAIN_RULES, CompensateConfig, ExportConfig
 from cmm_align.errors import InputError, UsageError, WrongStageError
 from cmm_align.units import UM_PER_MM
 
@@ -83,7 +83,7 @@ def command(
         "trust_me": trust_me or None,
     }
     config = replace(config, **{name: value for name, value in given.items() if value is not None})
-    config, export = with_options(checked(config), job.config.export, grinding)
+    config, export = with_options(config, job.config.export, grinding)
     return finish(
         job,
         make_correction(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from cmm_align.cli.options import FILE, Length
-from cmm_align.config import EXPORTS, RASTERS, SPIRALS, CompensateConfig, ExportConfig
+from cmm_align.config import EXPORTS, RASTERS, SPIRALS, CompensateConfig, ExportConfig, checked
 from cmm_align.errors import UsageError
 from cmm_align.units import DEG_PER_RAD, UM_PER_MM, URAD_PER_RAD
 
@@ -74,7 +74,13 @@ def exporting_options(callback: Callable[..., Any]) -> Callable[..., Any]:
 def with_options(
     config: CompensateConfig, export: ExportConfig, values: dict[str, Any]
 ) -> tuple[CompensateConfig, ExportConfig]:
-    """Return the settings with the options that were given put over them."""
+    """Return the settings with the options that were given put over them.
+
+    Raises
+    ------
+    UsageError
+        If a number is outside its limits.
+    """
 
     def given(**names: str) -> dict[str, Any]:
         return {key: values[name] for key, name in names.items() if values[name] is not None}
@@ -105,7 +111,7 @@ def with_options(
         post=export.post if post is None else str(post),
         formats=",".join(exports) or export.formats,
     )
-    return config, export
+    return checked(config), checked(export)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +135,7 @@ def plan_of(config: ExportConfig, output: Path) -> Plan:
         If the description of a format is wrong.
     """
     from cmm_align import posts
-    from cmm_align.config import checked
 
-    checked(config)
     names = tuple(name.strip() for name in config.formats.split(",") if name.strip())
     if not names or len(set(names)) < len(names):
         raise UsageError(f"exports {config.formats!r}", expected=f"some of {', '.join(EXPORTS)}, each once")
