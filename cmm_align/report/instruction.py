@@ -47,7 +47,7 @@ def instruction(deviation_map: DeviationMap, command: str) -> Instruction:
     """
     m = deviation_map
     if math.isfinite(m.coverage) and m.coverage < ENOUGH_COVERAGE:
-        whole = m.alignment.report.report_region or "part"
+        whole = m.alignment.report.report_region.removeprefix("the ") or "part"
         return Instruction(
             "Measure the rest", "", f"The map knows {as_percent(m.coverage)} of the {whole} only."
         )

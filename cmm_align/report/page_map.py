@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import base64
 import math
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cmm_align.model import DeviationMap, Nominal, Statistics
+from cmm_align.model import Alignment, DeviationMap, Nominal, Statistics
 from cmm_align.report.canvas import limit_um, three_digits
 from cmm_align.report.deviation_colours import deviation_colours
-from cmm_align.surfaces.protocol import Array
+from cmm_align.surfaces.protocol import Array, Bounds, Mask
+from cmm_align.surfaces.region import region_from_text
 from cmm_align.units import UM_PER_MM
 
 MOST_NODES: Final = 300_000
@@ -42,7 +44,8 @@ def map_data(deviation_map: DeviationMap) -> dict[str, Any]:
     dict
         ``x_mm``, ``y_mm``: places of the nodes; ``deviation``, ``u``: base64 of little-endian whole numbers,
         row by row, in steps of ``10**-digits`` and ``10**-u_digits`` um; ``outline_mm``: the rings of the
-        aperture as x, y, x, y ...; ``colours``: RRGGBB from the most negative to the most positive.
+        aperture as x, y, x, y ...; ``regions``: the same of report and fit region; ``colours``: RRGGBB from
+        the most negative to the most positive.
     """
     m = deviation_map
     every = thinning(m.deviation_mm.size)
@@ -63,6 +66,7 @@ def map_data(deviation_map: DeviationMap) -> dict[str, Any]:
         "u_digits": u_digits,
         "limit_um": limit_um(m.deviation_mm),
         "outline_mm": outline(m.alignment.nominal),
+        "regions": regions(m.alignment),
         "bounds_mm": [float(v) for v in m.alignment.nominal.surface.bounds],
         "colours": rgb.tobytes().hex(),
         "extremes": _extremes(m.statistics),
@@ -111,18 +115,32 @@ def packed_u(u_um: Array, digits: int) -> tuple[str, int]:
 
 def outline(nominal: Nominal) -> list[list[float]]:
     """Return the border of the nominal, and of the holes in it, as rings of x, y, x, y ... in mm."""
-    b = nominal.surface.bounds
+    return _rings(nominal.surface.contains, nominal.surface.bounds)
+
+
+def regions(alignment: Alignment) -> list[dict[str, Any]]:
+    """Return the borders of report region and fit region, where there are any, as `outline` does."""
+    surface, report = alignment.nominal.surface, alignment.report
+    found = []
+    for name, text in (("report region", report.report_region_text), ("fit region", report.fit_region_text)):
+        rings = _rings(region_from_text(text, surface).contains, surface.bounds) if text else []
+        if rings:
+            found.append({"name": name, "outline_mm": rings})
+    return found
+
+
+def _rings(contains: Callable[[Array, Array], Mask], b: Bounds) -> list[list[float]]:
+    """Return the border of a part of the plane, and of the holes in it."""
     step = max(b.x_max - b.x_min, b.y_max - b.y_min) / _OUTLINE_SAMPLES
     x = np.arange(b.x_min - 2.0 * step, b.x_max + 2.5 * step, step)
     y = np.arange(b.y_min - 2.0 * step, b.y_max + 2.5 * step, step)
     x_grid, y_grid = np.meshgrid(x, y)
-    inside = nominal.surface.contains(x_grid.ravel(), y_grid.ravel()).reshape(x_grid.shape)
+    inside = contains(x_grid.ravel(), y_grid.ravel()).reshape(x_grid.shape)
+    if not inside.any() or inside.all():
+        return []
     paths = Figure().add_subplot().contour(x, y, inside.astype(np.float64), levels=[0.5]).get_paths()
-    rings = [
-        _without_needless(np.asarray(ring, dtype=np.float64))
-        for path in paths
-        for ring in path.to_polygons(closed_only=False)
-    ]
+    corners = [np.asarray(ring, np.float64) for path in paths for ring in path.to_polygons(closed_only=False)]
+    rings = [_without_needless(ring) for ring in corners]
     return [[round(float(v), _OUTLINE_DIGITS) for v in ring.ravel()] for ring in rings if len(ring) > 2]
 
 

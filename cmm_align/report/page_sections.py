@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -14,10 +15,16 @@ from cmm_align.model.low_orders import Kind
 from cmm_align.model.removed_motion import words as removed_words
 from cmm_align.report.alignment_summary import details_of_alignment, of_alignment, outliers_of
 from cmm_align.report.canvas import signed, thin
+from cmm_align.report.summary import details_of_map, of_map
 from cmm_align.report.wording import as_length, as_percent, calm, decimals, two_digits
 from cmm_align.units import UM_PER_MM
 
 Row = tuple[str, ...]
+
+_TOLD: Final = {"PV", "RMS", "PVr", "mean", "highest", "lowest", "highest point", "lowest point"} | {
+    *("profile (ISO 1101)", "coverage", "form", "filter", "grid", "sign")
+}
+"""Rows of the summary that have a place of their own on the page."""
 
 _MICRO = re.compile(r"(?<![^\s(])u(?=(?:m|rad)\b)")
 _MINUS = re.compile(r"(?<![^\s(±])-(?=\d)")
@@ -67,6 +74,7 @@ def sections(deviation_map: DeviationMap, probe: str) -> list[Section]:
         hidden(alignment),
         pose(alignment),
         conventions(deviation_map, probe),
+        further(deviation_map),
     ]
     return [section for section in found if section.rows or section.note]
 
@@ -152,11 +160,12 @@ def coverage(m: DeviationMap) -> Section:
     """Return how much of the part is known, and by what."""
     r = m.alignment.report
     ny, nx = m.deviation_mm.shape
+    whole = r.report_region.removeprefix("the ") or "nominal"
     rows: list[Row] = []
     if math.isfinite(m.coverage):
-        rows.append(("known", f"{as_percent(m.coverage)} of the {r.report_region or 'nominal'}"))
+        rows.append(("known", f"{as_percent(m.coverage)} of the {whole}"))
     rows.append(("grid", f"{thin(m.statistics.n)} of {nx} × {ny} nodes, {as_length(m.spacing_mm)} apart"))
-    rows += _labelled(row for row in of_alignment(m.alignment) if row[0] in {"points", "regions", "weights"})
+    rows += _labelled(row for row in of_alignment(m.alignment) if row[0] in {"points", "weights"})
     if m.filter is not None:
         rows.append(("filter", shown(m.filter.words)))
     return Section("Coverage", tuple(rows))
@@ -221,6 +230,17 @@ def conventions(m: DeviationMap, probe: str) -> Section:
             ("probe", shown(probe)),
         ),
     )
+
+
+def further(m: DeviationMap) -> Section:
+    """Return what the summary on the screen says and no section before does."""
+    rows: list[Row] = []
+    last = ""
+    for label, words in (*of_map(m), *details_of_map(m)):
+        last = label or last
+        if last not in _TOLD and not last.startswith("without "):
+            rows.append((label, shown(words)))
+    return Section("How it was made", tuple(rows))
 
 
 def headline(m: DeviationMap) -> list[tuple[str, str, str]]:

@@ -13,7 +13,7 @@ from cmm_align.config import ErrorMapConfig
 from cmm_align.model import FitReport, PointStatus, Verdict, frozen_array
 from cmm_align.provenance import InputFile, Step
 from cmm_align.report.instruction import instruction
-from cmm_align.report.page import write_page
+from cmm_align.report.page import SvgPicture, lean, write_page
 from cmm_align.report.page_map import MOST_NODES, map_data, outline, packed, packed_u, thinning
 from cmm_align.report.page_sections import sections, shown
 from cmm_align.stages.error_map import error_map
@@ -128,6 +128,39 @@ def test_the_outline_is_the_aperture():
     assert np.abs(np.hypot(*corners.T) - 20.0).max() < step
     (ring,) = outline(aligned(WINDOW, form_error_mm, random_places(WINDOW, 9)).nominal)
     assert len(ring) <= 2 * 8  # a rectangle needs few corners
+
+
+def test_regions_are_drawn_and_named(a_map, page_of):
+    report = replace(
+        a_map.alignment.report,
+        report_region="the aperture less 4 mm all round",
+        report_region_text="aperture:-4",
+        fit_region="circle",
+        fit_region_text="circle:0,0,20",
+    )
+    page = page_of(replace(a_map, alignment=replace(a_map.alignment, report=report)))
+    told, fitted = data_of(page)["regions"]
+    corners = np.array(told["outline_mm"][0]).reshape(-1, 2)
+
+    assert [told["name"], fitted["name"]] == ["report region", "fit region"]
+    np.testing.assert_allclose(np.abs(corners).max(axis=0), [47.0, 27.0], atol=102.0 / 700.0)
+    assert "numbers and map of the aperture less 4 mm all round" in page
+
+
+def test_pictures_are_kept_as_long_as_there_is_room(a_map, page_of):
+    small = SvgPicture("small", '<svg><path d="M 1.234567 -2.999999"/></svg>')
+    large = SvgPicture("large", f"<svg>{'x' * 2_800_000}</svg>")
+    page = page_of(a_map, pictures=[large, small])
+
+    assert "left out: large" in page
+    assert page.count("<img") == 1
+    assert lean(small.svg) == '<svg><path d="M 1.23 -3.00"/></svg>'
+
+
+def test_what_only_the_summary_says_is_on_the_page_too(a_map):
+    made = {s.title: s for s in sections(a_map, PROBE)}["How it was made"]
+
+    assert "method" in {row[0] for row in made.rows}
 
 
 @pytest.mark.parametrize("n", [512, 1500])

@@ -25,11 +25,16 @@
   const dy = ny > 1 ? (data.y_mm[ny - 1] - y0) / (ny - 1) : 1;
   const known = (ix, iy) => ix >= 0 && iy >= 0 && ix < nx && iy < ny && counts[iy * nx + ix] !== UNKNOWN;
 
-  const aperture = new Path2D();
-  for (const ring of data.outline_mm) {
-    for (let k = 0; k < ring.length; k += 2) aperture[k ? "lineTo" : "moveTo"](ring[k], ring[k + 1]);
-    aperture.closePath();
-  }
+  const pathOf = (rings) => {
+    const path = new Path2D();
+    for (const ring of rings) {
+      for (let k = 0; k < ring.length; k += 2) path[k ? "lineTo" : "moveTo"](ring[k], ring[k + 1]);
+      path.closePath();
+    }
+    return path;
+  };
+  const aperture = pathOf(data.outline_mm);
+  const regions = data.regions.map((r) => ({ path: pathOf(r.outline_mm), dash: r.name === "fit region" ? [1, 3] : [7, 4] }));
 
   // One ring of nodes more than the file has; unknown ones take the mean of known neighbours, twice, so that
   // colours reach the border of the part. What is shown is decided by `drawn`, not by these means.
@@ -191,6 +196,12 @@
     g.lineWidth = 1 / place.scale;
     g.lineJoin = "round";
     g.stroke(aperture);
+    g.lineWidth = 1.4 / place.scale;
+    for (const region of regions) {
+      g.setLineDash(region.dash.map((v) => v / place.scale));
+      g.stroke(region.path);
+    }
+    g.setLineDash([]);
     paper();
     axes(g);
     for (const e of data.extremes) mark(g, e);
