@@ -31,7 +31,7 @@ from cmm_align.report.canvas import (
 from cmm_align.report.field import draw_field
 from cmm_align.report.instruction import Instruction
 from cmm_align.report.map_picture import map_size, mark_extremes
-from cmm_align.report.page_sections import headline, shown
+from cmm_align.report.page_sections import headline_um, shown
 from cmm_align.units import MM_PER
 
 MM_PER_INCH: Final = MM_PER["inch"]
@@ -51,6 +51,11 @@ _TITLE_LETTERS: Final = 22
 _ORDER_LETTERS: Final = 25
 _COMMAND_LETTERS: Final = 58
 _REASON_LETTERS: Final = 66
+_NUMBER_LETTERS: Final = 5
+_NARROW_MM: Final = 45.0
+"""A map narrower than this has its labels beside it ..."""
+_LABEL_MM: Final = 36.0
+"""... and leaves so much room for them."""
 _MOST_COMMAND_LINES: Final = 2
 
 
@@ -145,10 +150,18 @@ def _verdict(figure: Figure, m: DeviationMap) -> None:
 
 def _numbers(figure: Figure, m: DeviationMap) -> None:
     third = (WIDTH_MM - 2.0 * MARGIN_MM) / 3.0
-    for k, (label, value, _) in enumerate(headline(m)):
+    shown_um = [(label, three_decimals(value_um)) for label, value_um, _ in headline_um(m)]
+    longest = max(len(value) for _, value in shown_um)
+    size = min(34.0, 34.0 * _NUMBER_LETTERS / longest)
+    for k, (label, value) in enumerate(shown_um):
         x = MARGIN_MM + third * (k + 0.5)
-        _write(figure, x, 144.5, three_digits(float(value)), 34.0, weight="bold", ha="center")
+        _write(figure, x, 144.5, value, size, weight="bold", ha="center")
         _write(figure, x, 134.5, f"{label}, µm", 13.0, color=SOFT, ha="center")
+
+
+def three_decimals(value_um: float) -> str:
+    """Return a number with three digits that count, but not beyond the nm."""
+    return three_digits(value_um) if value_um >= 0.1 else f"{value_um:.3f}"
 
 
 def _map(figure: Figure, m: DeviationMap) -> None:
@@ -166,7 +179,8 @@ def _map(figure: Figure, m: DeviationMap) -> None:
     axes.set_ylim(b.y_min - margin, b.y_max + margin)
     axes.set_axis_off()
     mark_extremes(axes, m.statistics, b, size=11.0)
-    scale = ((left + wide + 3.0) / WIDTH_MM, (bottom + 0.1 * high) / HEIGHT_MM, 4.0 / WIDTH_MM)
+    gap = 3.0 if wide > _NARROW_MM else _LABEL_MM
+    scale = ((left + wide + gap) / WIDTH_MM, (bottom + 0.1 * high) / HEIGHT_MM, 4.0 / WIDTH_MM)
     draw_scale(figure, image, (*scale, 0.74 * high / HEIGHT_MM), limit)
 
 

@@ -96,7 +96,7 @@ def numbers(m: DeviationMap) -> Section:
         return tuple(f"({_place(getattr(s, name))})" for s in both)
 
     rows = [
-        row("N", *(thin(s.n) for s in both)),
+        row("N", *(count(s.n) for s in both)),
         row("PV, µm", *um("pv_mm")),
         row("RMS, µm", *um("rms_mm")),
         row("u of the RMS, µm", two_digits(m.u_rms_mm * UM_PER_MM), ""),
@@ -164,7 +164,7 @@ def coverage(m: DeviationMap) -> Section:
     rows: list[Row] = []
     if math.isfinite(m.coverage):
         rows.append(("known", f"{as_percent(m.coverage)} of the {whole}"))
-    rows.append(("grid", f"{thin(m.statistics.n)} of {nx} × {ny} nodes, {as_length(m.spacing_mm)} apart"))
+    rows.append(("grid", f"{count(m.statistics.n)} of {nx} × {ny} nodes, {as_length(m.spacing_mm)} apart"))
     rows += _labelled(row for row in of_alignment(m.alignment) if row[0] in {"points", "weights"})
     if m.filter is not None:
         rows.append(("filter", shown(m.filter.words)))
@@ -173,15 +173,15 @@ def coverage(m: DeviationMap) -> Section:
 
 def outliers(alignment: Alignment) -> Section:
     """Return how many points were left out as outliers, and the worst."""
-    count = int(np.count_nonzero(alignment.status == PointStatus.OUTLIER))
-    if not count:
+    found = int(np.count_nonzero(alignment.status == PointStatus.OUTLIER))
+    if not found:
         return Section("Outliers", (), note="None.")
     worst = outliers_of(alignment)[0]
     at = ", ".join(signed(float(v), 2) for v in alignment.contact_part_mm[worst])
     told = f"{_signed(float(alignment.deviation_mm[worst]))} µm, point {alignment.ids[worst]} at ({at}) mm"
     return Section(
         "Outliers",
-        (("left out", thin(count)), ("worst", told)),
+        (("left out", count(found)), ("worst", told)),
         note="They are not in the map, the numbers or the verdict.",
     )
 
@@ -209,8 +209,8 @@ def pose(alignment: Alignment) -> Section:
             told.setdefault(label, shown(words))
     rows: list[Row] = list(told.items())
     matrix = alignment.part_from_machine.matrix()
-    lines = "; ".join("  ".join(signed(float(v), 6) for v in line) for line in matrix[:3])
-    rows.append(("matrix, rows", lines))
+    for label, line in zip(("matrix", "", ""), matrix[:3], strict=True):
+        rows.append((label, "  ".join(signed(float(v), 6) for v in line)))
     return Section("Pose", tuple(rows))
 
 
@@ -243,21 +243,28 @@ def further(m: DeviationMap) -> Section:
     return Section("How it was made", tuple(rows))
 
 
-def headline(m: DeviationMap) -> list[tuple[str, str, str]]:
+def headline_um(m: DeviationMap) -> list[tuple[str, float, str]]:
     """Return the three numbers of the head: label, value in um, and what stands beside it."""
     s, p = m.statistics, m.point_statistics
-    points = f"single points {calm(p.pv_mm * UM_PER_MM)}, N = {thin(p.n)}"
-    pvr = ("PVr", calm(m.pvr_mm * UM_PER_MM), "36 terms + 3 RMS of the rest")
-    profile = ("profile", calm(s.profile_mm * UM_PER_MM), "2 max |deviation|, ISO 1101")
+    points = f"single points {calm(p.pv_mm * UM_PER_MM)}, N = {count(p.n)}"
+    u = two_digits(m.u_rms_mm * UM_PER_MM)
+    pvr = ("PVr", m.pvr_mm * UM_PER_MM, "36 terms + 3 RMS of the rest")
+    profile = ("profile", s.profile_mm * UM_PER_MM, "2 max |deviation|, ISO 1101")
     return [
-        ("PV", calm(s.pv_mm * UM_PER_MM), f"N = {thin(s.n)} nodes; {points}"),
-        (
-            "RMS",
-            calm(s.rms_mm * UM_PER_MM),
-            f"u = {two_digits(m.u_rms_mm * UM_PER_MM)}; single points {calm(p.rms_mm * UM_PER_MM)}",
-        ),
+        ("PV", s.pv_mm * UM_PER_MM, f"N = {count(s.n)} nodes; {points}"),
+        ("RMS", s.rms_mm * UM_PER_MM, f"u = {u}; single points {calm(p.rms_mm * UM_PER_MM)}"),
         pvr if math.isfinite(m.pvr_mm) else profile,
     ]
+
+
+def headline(m: DeviationMap) -> list[tuple[str, str, str]]:
+    """Return the same with the values as text."""
+    return [(label, calm(value), beside) for label, value, beside in headline_um(m)]
+
+
+def count(number: int) -> str:
+    """Return a whole number whose thousands stay together."""
+    return thin(number).replace("\N{THIN SPACE}", "\N{NARROW NO-BREAK SPACE}")
 
 
 def shown(text: str) -> str:
