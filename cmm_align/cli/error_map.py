@@ -75,6 +75,13 @@ own "error map" of 21 geometric components is another thing.)
     metavar="L",
     help="Colours from -L to +L, to compare a series.  [default: from the map]",
 )
+@click.option(
+    "--compare",
+    "earlier",
+    type=FILE,
+    metavar="FILE",
+    help="Tell what changed since an earlier measurement: its map or its alignment.",
+)
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @click.option("--report", is_flag=True, help="Write <map>.html too: one page to look at, sign and print.")
 @click.option("--card", is_flag=True, help="Write <map>.card.pdf too: one A5 page for the operator.")
@@ -101,6 +108,7 @@ def command(
     formats: tuple[str, ...],
     sections: tuple[str, ...],
     scale: float | None,
+    earlier: Path | None,
     no_picture: bool,
     report: bool,
     card: bool,
@@ -135,7 +143,8 @@ def command(
     if pass_number is not None and not card:
         raise UsageError("--pass without --card", expected="--card, which shows the number")
     papers = Papers(report=report, card=card, pass_number=pass_number)
-    return finish(job, make_map(job, aligned, config, drawings=drawings, papers=papers, output=output))
+    outcome = make_map(job, aligned, config, earlier=earlier, drawings=drawings, papers=papers, output=output)
+    return finish(job, outcome)
 
 
 def make_map(
@@ -143,6 +152,7 @@ def make_map(
     aligned: Path,
     config: ErrorMapConfig,
     *,
+    earlier: Path | None = None,
     drawings: Drawings | None = None,
     papers: Papers = Papers(),
     output: Path | None = None,
@@ -155,6 +165,8 @@ def make_map(
     aligned : Path
         What `align` wrote.
     config : ErrorMapConfig
+    earlier : Path, optional
+        Map or alignment of an earlier measurement of the part, to compare with.
     drawings : Drawings, optional
         Which pictures, beside the output and with its stem; the map unless given.
     papers : Papers
@@ -163,7 +175,7 @@ def make_map(
         Beside the input unless given.
     """
     from cmm_align import io
-    from cmm_align.cli import cautions, drawing, opening, record, results
+    from cmm_align.cli import cautions, comparing, drawing, opening, record, results
     from cmm_align.io.schema import ALIGNMENT
     from cmm_align.report import summary
     from cmm_align.report.section_lines import section_line
@@ -178,10 +190,19 @@ def make_map(
     alignment = io.read_alignment(aligned)
     for text in drawings.sections:
         section_line(text, alignment.nominal.surface.bounds)  # before anything is computed or written
-    record.check_outputs(job, [output, *(path for _, path in pictures), *papers.paths(output)], [aligned])
+    outputs = [output, *(path for _, path in pictures), *papers.paths(output)]
+    inputs = [aligned]
+    if earlier is not None:
+        comparing.check_earlier(job, aligned, earlier, config)
+        inputs.append(earlier)
+        outputs += comparing.files(drawings, output)
+    record.check_outputs(job, outputs, inputs)
     config = _with_region(job, config, alignment)
     deviation_map = error_map(alignment, config)
-    steps = record.steps(job, [aligned], after=[aligned], error_map=config)
+    told: list[str] = []
+    if earlier is not None:
+        deviation_map, told = comparing.compared(deviation_map, earlier, config, aligned)
+    steps = record.steps(job, inputs, after=[aligned], error_map=config)
     io.write(deviation_map, output, steps, overwrite=job.overwrite)
     wishes = Wishes(
         title=beside(aligned, "").name,
@@ -191,10 +212,15 @@ def make_map(
         sections=drawings.sections,
     )
     drawn, faults = drawing.draw_all(deviation_map, pictures, wishes, overwrite=job.overwrite)
+    if earlier is not None:
+        places = comparing.files(drawings, output)
+        more, missing = comparing.draw_all(deviation_map, places, wishes, overwrite=job.overwrite)
+        drawn, faults = [*drawn, *more], [*faults, *missing]
+    change = None if deviation_map.comparison is None else deviation_map.comparison.change
     verdict, reasons = summary.verdict_of(deviation_map)
     within = verdict == "PASS"
     command, advice = ("", "") if within else _compensation(deviation_map, output)
-    warnings = [*cautions.of_tolerances(deviation_map, config), *cautions.of_map(deviation_map)]
+    warnings = [*cautions.of_tolerances(deviation_map, config), *cautions.of_map(deviation_map), *told]
     written, missing = papers.write(
         deviation_map, output, wishes, steps, [*faults, *warnings], overwrite=job.overwrite
     )
@@ -204,13 +230,14 @@ def make_map(
         noun=deviation_map,
         inputs=steps[-1].inputs,
         outputs=[output, *drawn, *written],
-        result=results.of_map(deviation_map),
+        result={**results.of_map(deviation_map), **comparing.of_change(change)},
         rows=[
             ("tolerance", tolerances(config)),
             *summary.of_map(deviation_map),
+            *comparing.rows_of_change(change),
             results.probe_row(deviation_map.alignment.nominal),
         ],
-        details=summary.details_of_map(deviation_map),
+        details=[*summary.details_of_map(deviation_map), *comparing.details_of_change(change)],
         verdict=verdict,
         reasons=reasons,
         warnings=[*faults, *warnings],

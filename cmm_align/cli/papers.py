@@ -131,6 +131,12 @@ def _svg_pictures(deviation_map: DeviationMap, wishes: Wishes) -> list[SvgPictur
             except GeometryError:
                 continue
             pictures.append(SvgPicture(picture.sentence, path.read_text(encoding="utf-8")))
+        if deviation_map.comparison is not None:
+            from cmm_align.report.comparison_picture import draw_comparison
+
+            path = Path(folder) / "compare.svg"
+            draw_comparison(deviation_map, path, f"{wishes.title}: what changed", wishes.source)
+            pictures.append(SvgPicture("before, after and difference", path.read_text(encoding="utf-8")))
     return pictures
 
 

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from cmm_align.errors import MalformedInputError
 from cmm_align.io import alignment_file
+from cmm_align.io.comparison_group import read_comparison, write_comparison
 from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.records import read_record, typed, write_record
 from cmm_align.io.safe_hdf5 import attribute, find, is_older, json_attribute, read_array, where_of
@@ -32,6 +33,8 @@ def write_body(file: h5py.File, noun: DeviationMap) -> None:
         write_record(file.create_group("filter"), noun.filter)
     if noun.low_orders is not None:
         write_record(file.create_group("low_orders"), noun.low_orders)
+    if noun.comparison is not None:
+        write_comparison(file, noun.comparison)
     statistics = file.create_group("statistics")
     write_record(statistics.create_group("nodes"), noun.statistics)
     write_record(statistics.create_group("points"), noun.point_statistics)
@@ -95,4 +98,5 @@ def read_body(file: h5py.File) -> DeviationMap:
         window_steps=attribute(file, "/grid", "window_steps", float) if told else 0.0,
         low_orders=_optional(file, "/low_orders", LowOrders),
         filter=_optional(file, "/filter", MapFilter),
+        comparison=None if find(file, "/comparison") is None else read_comparison(file),
     )

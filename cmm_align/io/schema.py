@@ -107,6 +107,17 @@ DATASETS: Final[dict[str, Dataset]] = {
     ),
     "grid/sag_deviation_mm": Dataset("mm", "the same along +z of frame surface [iy, ix]"),
     "grid/sigma_mm": Dataset("mm", "standard uncertainty of deviation_mm [iy, ix]"),
+    "comparison/x_mm": Dataset("mm", "common grid of both measurements along x, frame surface"),
+    "comparison/y_mm": Dataset("mm", "common grid along y, frame surface"),
+    "comparison/before_mm": Dataset(
+        "mm",
+        "earlier measurement, along the normal, positive = excess material, NaN = not known to both [iy, ix]",
+    ),
+    "comparison/after_mm": Dataset("mm", "this measurement, in the same way [iy, ix]"),
+    "comparison/u_mm": Dataset("mm", "standard uncertainty of after_mm - before_mm [iy, ix]"),
+    "comparison/changed": Dataset(
+        "1", "where the difference, its rigid motion taken out, is beyond the noise [iy, ix]"
+    ),
     "grid/correction_mm": Dataset("mm", "along the normal, negative removes material [iy, ix]"),
     "grid/total_correction_mm": Dataset("mm", "sum over all passes, relative to the nominal [iy, ix]"),
     "grid/commanded_z_mm": Dataset("mm", "height to command, frame surface [iy, ix]"),

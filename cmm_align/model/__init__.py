@@ -8,6 +8,7 @@ projection direction is +z; the same as ``part`` unless the nominal lies on its 
 from __future__ import annotations
 
 from cmm_align.model.bidirectional import Bidirectional
+from cmm_align.model.comparison import Change, ChangeBand, ChangeRung, Comparison
 from cmm_align.model.correction import (
     Correction,
     CorrectionBand,
@@ -48,6 +49,10 @@ __all__ = [
     "MIN_POINTS",
     "Alignment",
     "Bidirectional",
+    "Change",
+    "ChangeBand",
+    "ChangeRung",
+    "Comparison",
     "Correction",
     "CorrectionBand",
     "CorrectionLimits",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.model.comparison import Comparison
 from cmm_align.model.fit_report import FitReport
 from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.nominal import Nominal
@@ -140,6 +141,8 @@ class DeviationMap:
         What was taken away from the nodes; single points are never filtered.
     low_orders : LowOrders or None
         What the form error consists of; None in files of older versions.
+    comparison : Comparison or None
+        What changed since an earlier measurement, where one was given.
     """
 
     alignment: Alignment
@@ -161,3 +164,4 @@ class DeviationMap:
     window_steps: float = 0.0
     filter: MapFilter | None = None
     low_orders: LowOrders | None = None
+    comparison: Comparison | None = None

@@ -81,6 +81,25 @@ class _Nodes(NamedTuple):
     """Shape (n,), mean 1."""
 
 
+class LadderBase(NamedTuple):
+    """The shapes of the ladder on the known nodes."""
+
+    nodes: _Nodes
+    outline: Outline
+    family: str
+    """What the polynomials are."""
+    names: tuple[str, ...]
+    """Of the polynomials; the motions before them have none."""
+    ends: tuple[int, ...]
+    """How many shapes each rung removes, also of rungs that the nodes do not carry."""
+    raw: Array
+    """The shapes as they are, shape (n, m)."""
+    q: Array
+    """Orthonormal: ``mean(w q_i q_j) = delta_ij``, shape (n, m)."""
+    fresh: Mask
+    """Which of them are new, shape (m,)."""
+
+
 class _Fit(NamedTuple):
     """The map in orthonormal shapes."""
 
@@ -133,30 +152,17 @@ def low_orders(
     Uncertainties are to first order, from noise and (with a Monte Carlo) from the machine; the smoothing of
     the map is not in them. The pose is not either: the shapes hold nothing that a motion could change.
     """
-    known = np.isfinite(deviation_mm)
-    nodes = _on_nominal(
-        alignment, x_mm, y_mm, deviation_mm, np.ones(known.shape) if weights is None else weights
-    )
-    outline = outline_of(x_mm, y_mm, known)
-    motions = _motion_columns(alignment, nodes)
-    n, n_rigid = len(nodes.deviation_mm), motions.shape[1]
-    ends = [0, n_rigid, *(n_rigid + count for _, count in _RUNGS)]
-    carried = max(end for end in ends if end * NODES_PER_TERM <= n)
-    raw = np.empty((n, carried))
-    raw[:, :n_rigid] = motions[:, :carried]
-    for part in chunks(n):
-        shapes = low_order_shapes(outline, *nodes.points_mm[part, :2].T)
-        raw[part, n_rigid:] = shapes.columns[:, : max(carried - n_rigid, 0)]
-    q, fresh = orthonormalised(raw, weights=nodes.weight)
-    coefficients, covariance = _coefficients(q, nodes, noise_mm2[known])
-    covariance += _common_covariance(alignment, nodes, q)  # eq. (1)
-    fit = _Fit(shapes.names, raw, q, nodes.weight, fresh, n_rigid, coefficients, covariance)
-    rungs = _rungs(fit, nodes.deviation_mm, [end for end in ends if end <= carried])
+    base = ladder_base(alignment, x_mm, y_mm, deviation_mm, weights)
+    nodes, n, n_rigid = base.nodes, len(base.nodes.deviation_mm), base.ends[1]
+    coefficients, covariance = _coefficients(base.q, nodes, noise_mm2[np.isfinite(deviation_mm)])
+    covariance += _common_covariance(alignment, nodes, base.q)  # eq. (1)
+    fit = _Fit(base.names, base.raw, base.q, nodes.weight, base.fresh, n_rigid, coefficients, covariance)
+    rungs = _rungs(fit, nodes.deviation_mm, [end for end in base.ends if end <= base.q.shape[1]])
     kinds = _kinds(fit, rungs)
     return LowOrders(
-        basis=shapes.family,
-        shape=outline.shape,
-        normalisation=_normalisation(outline),
+        basis=base.family,
+        shape=base.outline.shape,
+        normalisation=_normalisation(base.outline),
         rigid=_rigid_words(alignment, n_rigid),
         n_nodes=n,
         terms=_terms(fit),
@@ -164,6 +170,34 @@ def low_orders(
         rungs=rungs,
         words=_words(kinds, rungs),
     )
+
+
+def ladder_base(
+    alignment: Alignment, x_mm: Array, y_mm: Array, deviation_mm: Array, weights: Array | None = None
+) -> LadderBase:
+    """Return the shapes of the ladder, orthonormal on the known nodes; as many as these carry.
+
+    Parameters
+    ----------
+    alignment, x_mm, y_mm, deviation_mm, weights
+        As for `low_orders`; deviations and weights of shape (ny, nx).
+    """
+    known = np.isfinite(deviation_mm)
+    nodes = _on_nominal(
+        alignment, x_mm, y_mm, deviation_mm, np.ones(known.shape) if weights is None else weights
+    )
+    outline = outline_of(x_mm, y_mm, known)
+    motions = _motion_columns(alignment, nodes)
+    n, n_rigid = len(nodes.deviation_mm), motions.shape[1]
+    ends = (0, n_rigid, *(n_rigid + count for _, count in _RUNGS))
+    carried = max(end for end in ends if end * NODES_PER_TERM <= n)
+    raw = np.empty((n, carried))
+    raw[:, :n_rigid] = motions[:, :carried]
+    for part in chunks(n):
+        shapes = low_order_shapes(outline, *nodes.points_mm[part, :2].T)
+        raw[part, n_rigid:] = shapes.columns[:, : max(carried - n_rigid, 0)]
+    q, fresh = orthonormalised(raw, weights=nodes.weight)
+    return LadderBase(nodes, outline, shapes.family, shapes.names, ends, raw, q, fresh)
 
 
 def _on_nominal(

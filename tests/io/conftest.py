@@ -11,6 +11,10 @@ import pytest
 
 from cmm_align.model import (
     Alignment,
+    Change,
+    ChangeBand,
+    ChangeRung,
+    Comparison,
     Correction,
     CorrectionBand,
     CorrectionLimits,
@@ -155,6 +159,43 @@ def _map() -> DeviationMap:
         verdict_lines=("PV 4.95 um <= 10 um: pass",),
         method="local quadratic",
         window_steps=1.5,
+        comparison=_comparison(),
+    )
+
+
+def _comparison() -> Comparison:
+    rng = np.random.default_rng(9)
+    grid = rng.normal(size=(3, 11, 30))
+    grid[:, 2, :5] = np.nan
+    return Comparison(
+        x_mm=_frozen(np.linspace(-1, 1, 30)),
+        y_mm=_frozen(np.linspace(-2, 2, 11)),
+        before_mm=_frozen(grid[0]),
+        after_mm=_frozen(grid[1]),
+        u_mm=_frozen(grid[2]),
+        changed=_frozen(rng.random((11, 30)) > 0.5),
+        change=Change(
+            earlier="part µ.map.h5",
+            before=_statistics(10),
+            after=_statistics(11),
+            difference=_statistics(12),
+            spacing_mm=0.4,
+            common=0.9,
+            rungs=(ChangeRung("nothing", 3.0, 1.0, 0.2, 1e-300, noise=False),),
+            bands=(ChangeBand("low orders", 10.0, float("inf"), 1.0, 0.1, 36.0, 0.0, significant=True),),
+            false_discovery_rate=0.05,
+            least_significant_um=0.6,
+            share_changed=0.5,
+            share_better=0.3,
+            share_worse=0.2,
+            rms_change_um=-1.5,
+            u_rms_change_um=0.1,
+            real=True,
+            form_changed=True,
+            worse_than_before=False,
+            better_than_before=True,
+            words=("RMS 5 -> 1 um", "better"),
+        ),
     )
 
 

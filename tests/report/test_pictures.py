@@ -10,12 +10,14 @@ from truth_maps import WINDOW, Quadric, aligned, form_error_mm, random_places
 
 from cmm_align.config import ErrorMapConfig
 from cmm_align.report.canvas import STYLE, limit_um, sheet, signed, three_digits
+from cmm_align.report.comparison_picture import draw_comparison
 from cmm_align.report.correction_picture import draw_correction
 from cmm_align.report.deviation_colours import LEAVE_HUE_DEG, TAKE_OFF_HUE_DEG, deviation_colours
 from cmm_align.report.field import draw_field, unknown_inside
 from cmm_align.report.map_picture import draw_map
 from cmm_align.report.region_outline import draw_regions
 from cmm_align.report.series_picture import draw_series
+from cmm_align.stages.comparison import compare
 from cmm_align.stages.compensate import compensate
 from cmm_align.stages.error_map import error_map
 
@@ -170,3 +172,21 @@ def test_the_regions_are_outlined_and_named(tmp_path):
     assert draw_regions(axes, plain) == []
     draw_map(error_map(alignment), tmp_path / "map.png")
     assert imread(tmp_path / "map.png").shape[1] == 1410
+
+
+@pytest.mark.parametrize("share", [0.9, 0.0])
+def test_a_comparison_is_drawn_with_its_outline(a_map, tmp_path, share):
+    """Nearly the same form: the difference has a scale of its own; no form before: one scale for all."""
+    before = aligned(
+        WINDOW,
+        lambda x, y: share * form_error_mm(x, y),
+        random_places(WINDOW, 2000, 7),
+        noise_mm=3e-4,
+        seed=9,
+    )
+    told = replace(a_map, comparison=compare(a_map, before, ErrorMapConfig()))
+    draw_comparison(told, tmp_path / "a.png", title="a $x$ part")
+    draw_comparison(told, tmp_path / "b.png", title="a $x$ part")
+    image = imread(tmp_path / "a.png")
+    assert image.shape[1] == 1410
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
