@@ -22,6 +22,7 @@ MM_PER: Final[dict[str, float]] = {
 """Millimetres per unit of length."""
 
 UM_PER_MM: Final = 1e3
+M_PER_MM: Final = 1e-3
 REFERENCE_C: Final = 20.0
 """Temperature at which a part has its size, degrees C: ISO 1."""
 NM_PER_MM: Final = 1e6

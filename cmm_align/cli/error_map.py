@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,10 +11,11 @@ import click
 
 from cmm_align.cli import options
 from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, beside, typed
+from cmm_align.cli.map_exports import EXPORTS
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.cli.papers import Papers
 from cmm_align.config import FILTERS, ErrorMapConfig
-from cmm_align.errors import OutputError, UsageError
+from cmm_align.errors import CmmAlignError, OutputError, UsageError
 from cmm_align.report.pictures import FORMATS, PICTURES
 from cmm_align.units import UM_PER_MM
 
@@ -82,6 +84,13 @@ own "error map" of 21 geometric components is another thing.)
     metavar="FILE",
     help="Tell what changed since an earlier measurement: its map or its alignment.",
 )
+@click.option(
+    "--export",
+    "exports",
+    type=click.Choice(list(EXPORTS)),
+    multiple=True,
+    help="Write the map for others too: a table, X3P (ISO 25178-72), Zygo's .dat; repeatable.",
+)
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @click.option("--report", is_flag=True, help="Write <map>.html too: one page to look at, sign and print.")
 @click.option("--card", is_flag=True, help="Write <map>.card.pdf too: one A5 page for the operator.")
@@ -109,6 +118,7 @@ def command(
     sections: tuple[str, ...],
     scale: float | None,
     earlier: Path | None,
+    exports: tuple[str, ...],
     no_picture: bool,
     report: bool,
     card: bool,
@@ -143,7 +153,16 @@ def command(
     if pass_number is not None and not card:
         raise UsageError("--pass without --card", expected="--card, which shows the number")
     papers = Papers(report=report, card=card, pass_number=pass_number)
-    outcome = make_map(job, aligned, config, earlier=earlier, drawings=drawings, papers=papers, output=output)
+    outcome = make_map(
+        job,
+        aligned,
+        config,
+        earlier=earlier,
+        drawings=drawings,
+        exports=exports,
+        papers=papers,
+        output=output,
+    )
     return finish(job, outcome)
 
 
@@ -154,10 +173,11 @@ def make_map(
     *,
     earlier: Path | None = None,
     drawings: Drawings | None = None,
+    exports: Sequence[str] = (),
     papers: Papers = Papers(),
     output: Path | None = None,
 ) -> Outcome:
-    """Read an alignment, map its deviations, write map, pictures, and papers where wanted.
+    """Read an alignment, map its deviations, write map, exports, pictures, and papers where wanted.
 
     Parameters
     ----------
@@ -171,11 +191,13 @@ def make_map(
         Which pictures, beside the output and with its stem; the map unless given.
     papers : Papers
         Which papers to write beside the output.
+    exports : sequence of str
+        Of `EXPORTS`, beside the output.
     output : Path, optional
         Beside the input unless given.
     """
     from cmm_align import io
-    from cmm_align.cli import cautions, comparing, drawing, opening, record, results
+    from cmm_align.cli import cautions, comparing, drawing, map_exports, opening, record, results
     from cmm_align.io.schema import ALIGNMENT
     from cmm_align.report import summary
     from cmm_align.report.section_lines import section_line
@@ -187,10 +209,11 @@ def make_map(
         output = beside(aligned, ".map.h5")
     drawings = drawing.Drawings() if drawings is None else drawings
     pictures = drawings.files(output)
+    places = map_exports.files(exports, output)
     alignment = io.read_alignment(aligned)
     for text in drawings.sections:
         section_line(text, alignment.nominal.surface.bounds)  # before anything is computed or written
-    outputs = [output, *(path for _, path in pictures), *papers.paths(output)]
+    outputs = [output, *places.values(), *(path for _, path in pictures), *papers.paths(output)]
     inputs = [aligned]
     if earlier is not None:
         comparing.check_earlier(job, aligned, earlier, config)
@@ -204,6 +227,7 @@ def make_map(
         deviation_map, told = comparing.compared(deviation_map, earlier, config, aligned)
     steps = record.steps(job, inputs, after=[aligned], error_map=config)
     io.write(deviation_map, output, steps, overwrite=job.overwrite)
+    exported, refused = map_exports.write_all(deviation_map, places, steps[-1], overwrite=job.overwrite)
     wishes = Wishes(
         title=beside(aligned, "").name,
         source=aligned.name,
@@ -229,8 +253,12 @@ def make_map(
         command=job.command,
         noun=deviation_map,
         inputs=steps[-1].inputs,
-        outputs=[output, *drawn, *written],
-        result={**results.of_map(deviation_map), **comparing.of_change(change)},
+        outputs=[output, *exported, *drawn, *written],
+        result={
+            **results.of_map(deviation_map),
+            "exports": [str(path) for path in exported],
+            **comparing.of_change(change),
+        },
         rows=[
             ("tolerance", tolerances(config)),
             *summary.of_map(deviation_map),
@@ -240,11 +268,18 @@ def make_map(
         details=[*summary.details_of_map(deviation_map), *comparing.details_of_change(change)],
         verdict=verdict,
         reasons=reasons,
-        warnings=[*faults, *warnings],
+        warnings=[*(map_exports.not_written(error) for error in refused), *faults, *warnings],
         advice="nothing: within tolerance" if within else advice,
         next_command="" if within else command,
-        exit_code=OutputError.exit_code if faults else EXIT_OF_VERDICT[deviation_map.verdict],
+        exit_code=_exit_code(deviation_map, refused, faults),
     )
+
+
+def _exit_code(deviation_map: DeviationMap, refused: list[CmmAlignError], faults: list[str]) -> int:
+    """Return that of the verdict, if all that was asked for could be written."""
+    if refused:
+        return refused[0].exit_code
+    return OutputError.exit_code if faults else EXIT_OF_VERDICT[deviation_map.verdict]
 
 
 def _with_region(job: Job, config: ErrorMapConfig, alignment: Alignment) -> ErrorMapConfig:

@@ -18,15 +18,24 @@ HDF5_SUFFIXES: Final = (".h5", ".hdf5")
 POST_STEM: Final = ".post"
 """What the stem of a file ends in whose format a user has described: any text."""
 
-_PNG_SUFFIX: Final = ".png"
-_SVG_SUFFIX: Final = ".svg"
-_POINTS_SUFFIXES: Final = (".xyz", ".csv", ".txt")
-_PNG: Final = b"\x89PNG\r\n\x1a\n"
-_SVG: Final = b"<svg"
-_PDF: Final = b"%PDF-"
-_PAGE: Final = b'<meta name="generator" content="cmm-align'
-_DWELL: Final = b"MATLAB 5.0 MAT-file, cmm-align "
-_POINTS: Final = b"# cmm-align points "
+_POINTS: Final = ((b"# cmm-align points ", b"# cmm-align map "), "a points file of cmm-align")
+_STARTS: Final[dict[str, tuple[bytes | tuple[bytes, ...], str]]] = {
+    ".png": (b"\x89PNG\r\n\x1a\n", "a PNG picture"),
+    ".pdf": (b"%PDF-", "a PDF"),
+    ".mat": (b"MATLAB 5.0 MAT-file, cmm-align ", "a dwell grid of cmm-align"),
+    ".x3p": (b"PK\x03\x04", "an X3P file"),
+    ".xyz": _POINTS,
+    ".csv": _POINTS,
+    ".txt": _POINTS,
+}
+"""What a file of a suffix starts with, and what it is called."""
+_HOLDS: Final = {
+    ".svg": (b"<svg", "an SVG picture"),
+    ".html": (b'<meta name="generator" content="cmm-align', "a page of cmm-align"),
+}
+"""What the head of a file of a suffix holds, and what it is called."""
+_METROPRO: Final = (b"\x88\x1b\x03", slice(246, 255), b"cmm-align")
+"""First bytes, and where our name stands."""
 _HEAD_BYTES: Final = 4096
 _SCHEMAS: Final = "cmm-align/"
 
@@ -53,29 +62,30 @@ def refuse_another_kind(target: Path, where: str) -> None:
             head = stream.read(_HEAD_BYTES)
     except OSError as error:
         raise OutputError(f"cannot look into it ({error.strerror})", where=where) from None
-    suffix = target.suffix.lower()
     if not head:
         return
-    if suffix in HDF5_SUFFIXES:
-        good, kind = _is_stage_file(target), "a file of cmm-align"
-    elif suffix == _PNG_SUFFIX:
-        good, kind = head.startswith(_PNG), "a PNG picture"
-    elif suffix == _SVG_SUFFIX:
-        good, kind = _SVG in head, "an SVG picture"
-    elif suffix == ".pdf":
-        good, kind = head.startswith(_PDF), "a PDF"
-    elif suffix == ".html":
-        good, kind = _PAGE in head, "a page of cmm-align"
-    elif suffix in _POINTS_SUFFIXES and not target.stem.endswith(POST_STEM):
-        good, kind = head.startswith(_POINTS), "a points file of cmm-align"
-    elif suffix == ".mat":
-        good, kind = head.startswith(_DWELL), "a dwell grid of cmm-align"
-    else:
-        good, kind = b"\0" not in head, "a text file"
+    good, kind = _as_expected(target, head)
     if not good:
         raise OutputExistsError(
             f"it exists and is not {kind}", where=where, remedy="choose another name: it is not replaced"
         )
+
+
+def _as_expected(target: Path, head: bytes) -> tuple[bool, str]:
+    """Return whether a file is of the kind its suffix stands for, and what that kind is called."""
+    suffix = target.suffix.lower()
+    if suffix in HDF5_SUFFIXES:
+        return _is_stage_file(target), "a file of cmm-align"
+    if suffix in _HOLDS:
+        mark, kind = _HOLDS[suffix]
+        return mark in head, kind
+    if suffix in _STARTS and not target.stem.endswith(POST_STEM):
+        start, kind = _STARTS[suffix]
+        return head.startswith(start), kind
+    start, place, name = _METROPRO
+    if head.startswith(start):
+        return head[place] == name, "a MetroPro file of cmm-align"
+    return b"\0" not in head, "a text file"
 
 
 def _is_stage_file(target: Path) -> bool:
