@@ -8,6 +8,7 @@ import numpy as np
 
 from cmm_align.config import AlignConfig, ErrorMapConfig
 from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, NominalQuality, PointStatus
+from cmm_align.stages.map_grid import points_apart
 from cmm_align.units import UM_PER_MM
 
 TIGHT_FIT: Final = 0.5
@@ -118,6 +119,12 @@ def of_map(deviation_map: DeviationMap) -> list[str]:
             f"the map knows {100.0 * coverage:.0f} % of the {whole} only: its numbers and verdict say "
             "nothing about the rest"
         )
+        n_apart, spacing_mm = points_apart(deviation_map)
+        if spacing_mm > 0.0:
+            texts.append(
+                f"{n_apart} points lie too far apart for a grid of {deviation_map.spacing_mm:.3g} mm and are in "
+                f"no node: --spacing {spacing_mm:.2g}mm takes them in"
+            )
     return texts
 
 

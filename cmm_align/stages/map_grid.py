@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import GeometryError, UsageError
-from cmm_align.model import Alignment
+from cmm_align.model import Alignment, DeviationMap
 from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.local_regression import reach_of
 from cmm_align.numerics.point_density import filled_box
@@ -18,6 +18,10 @@ from cmm_align.surfaces.protocol import Array
 STEPS_PER_BOX: Final = 1.2
 """Grid step over the smallest box that is filled almost everywhere: the window of three steps then
 holds three scan lines or more, or 30 points at random."""
+
+
+FEWEST_APART: Final = 9
+"""With fewer points apart nothing is said of their distance."""
 
 
 class Places(NamedTuple):
@@ -121,6 +125,26 @@ def axis_over(places_mm: Array, step_mm: float, *, exact: bool) -> Array:
     n = max(int(np.ceil(steps - 0.5 - 1e-9)) + 1, 2)
     inset = 0.25 * (high - low) / (n - 0.5)
     return np.asarray(np.linspace(low + inset, high - inset, n), dtype=np.float64)
+
+
+def points_apart(deviation_map: DeviationMap) -> tuple[int, float]:
+    """Return how many points lie too far apart for the grid, and the spacing, mm, that would take them in.
+
+    Those are points whose nearest node is unknown for want of others around it. The spacing is 0 where there
+    are too few to tell one.
+    """
+    m = deviation_map
+    places = places_of(m.alignment)
+    index = []
+    for nodes, p in ((m.y_mm, places.y_mm), (m.x_mm, places.x_mm)):
+        step = (p - nodes[0]) / (nodes[1] - nodes[0])
+        index.append(np.clip(np.rint(step), 0, len(nodes) - 1).astype(np.intp))
+    apart = np.isnan(m.deviation_mm[index[0], index[1]])
+    x, y = places.x_mm[apart], places.y_mm[apart]
+    if len(x) < FEWEST_APART or min(np.ptp(x), np.ptp(y)) <= m.spacing_mm:
+        return len(x), 0.0
+    largest = 0.5 * float(min(np.ptp(x), np.ptp(y)))
+    return len(x), STEPS_PER_BOX * filled_box(x, y, m.spacing_mm / STEPS_PER_BOX, largest)
 
 
 def method_in_words(config: ErrorMapConfig) -> str:
