@@ -122,8 +122,8 @@ def of_map(deviation_map: DeviationMap) -> list[str]:
         n_apart, spacing_mm = points_apart(deviation_map)
         if spacing_mm > 0.0:
             texts.append(
-                f"{n_apart} points lie too far apart for a grid of {deviation_map.spacing_mm:.3g} mm and are in "
-                f"no node: --spacing {spacing_mm:.2g}mm takes them in"
+                f"{n_apart} points lie too far apart for a grid of {deviation_map.spacing_mm:.3g} mm and are "
+                f"in no node: --spacing {spacing_mm:.2g}mm takes them in"
             )
     return texts
 

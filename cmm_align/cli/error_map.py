@@ -209,11 +209,11 @@ def make_map(
         output = beside(aligned, ".map.h5")
     drawings = drawing.Drawings() if drawings is None else drawings
     pictures = drawings.files(output)
-    places = map_exports.files(exports, output)
+    export_files = map_exports.files(exports, output)
     alignment = io.read_alignment(aligned)
     for text in drawings.sections:
         section_line(text, alignment.nominal.surface.bounds)  # before anything is computed or written
-    outputs = [output, *places.values(), *(path for _, path in pictures), *papers.paths(output)]
+    outputs = [output, *export_files.values(), *(path for _, path in pictures), *papers.paths(output)]
     inputs = [aligned]
     if earlier is not None:
         comparing.check_earlier(job, aligned, earlier, config)
@@ -227,7 +227,7 @@ def make_map(
         deviation_map, told = comparing.compared(deviation_map, earlier, config, aligned)
     steps = record.steps(job, inputs, after=[aligned], error_map=config)
     io.write(deviation_map, output, steps, overwrite=job.overwrite)
-    exported, refused = map_exports.write_all(deviation_map, places, steps[-1], overwrite=job.overwrite)
+    exported, refused = map_exports.write_all(deviation_map, export_files, steps[-1], overwrite=job.overwrite)
     wishes = Wishes(
         title=beside(aligned, "").name,
         source=aligned.name,
