@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 from warnings import catch_warnings, simplefilter
 
 from cmm_align.cli.drawing import attempt, named, not_drawn
@@ -17,8 +18,11 @@ from cmm_align.report.pictures import PICTURES, draw
 if TYPE_CHECKING:
     from cmm_align.model import DeviationMap
     from cmm_align.provenance import Step
-    from cmm_align.report.page import SvgPicture
+    from cmm_align.report.page import PagePicture
     from cmm_align.report.wishes import Wishes
+
+
+_LARGE_SVG: Final = 300_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,7 @@ class Papers:
                 advice=advice,
                 steps=steps,
                 warnings=warnings,
-                pictures=_svg_pictures(deviation_map, wishes),
+                pictures=_page_pictures(deviation_map, wishes),
             )
 
         def card(path: Path) -> None:
@@ -114,29 +118,33 @@ class Papers:
         return written, faults
 
 
-def _svg_pictures(deviation_map: DeviationMap, wishes: Wishes) -> list[SvgPicture]:
-    """Return the pictures for the page; what has nothing to show is left out."""
-    from cmm_align.report.page import SvgPicture
+def _page_pictures(deviation_map: DeviationMap, wishes: Wishes) -> list[PagePicture]:
+    """Return the pictures for the page; what has nothing to show is left out, the map it draws itself."""
+    from cmm_align.report.comparison_picture import draw_comparison
+    from cmm_align.report.page import PagePicture
 
+    drawings: dict[str, Callable[[Path], None]] = {
+        picture.sentence: partial(draw, name, deviation_map, wishes=wishes)
+        for name, picture in PICTURES.items()
+        if name != "map"
+    }
+    if deviation_map.comparison is not None:
+        drawings["what changed since the earlier measurement"] = partial(
+            draw_comparison, deviation_map, title=wishes.title, source=wishes.source
+        )
     pictures = []
-    with TemporaryDirectory() as folder:
-        for name, picture in PICTURES.items():
-            if name == "map":
-                continue  # the page draws it itself
-            path = Path(folder) / f"{name}.svg"
+    with TemporaryDirectory() as folder, catch_warnings():
+        simplefilter("ignore")  # a letter that the font has not is no reason to talk
+        for title, drawing in drawings.items():
+            path = Path(folder) / "picture.svg"
             try:
-                with catch_warnings():
-                    simplefilter("ignore")  # a letter that the font has not is no reason to talk
-                    draw(name, deviation_map, path, wishes)
+                drawing(path)
             except GeometryError:
                 continue
-            pictures.append(SvgPicture(picture.sentence, path.read_text(encoding="utf-8")))
-        if deviation_map.comparison is not None:
-            from cmm_align.report.comparison_picture import draw_comparison
-
-            path = Path(folder) / "compare.svg"
-            draw_comparison(deviation_map, path, f"{wishes.title}: what changed", wishes.source)
-            pictures.append(SvgPicture("before, after and difference", path.read_text(encoding="utf-8")))
+            if path.stat().st_size > _LARGE_SVG:  # mostly colours of a map: smaller as dots
+                path = path.with_suffix(".png")
+                drawing(path)
+            pictures.append(PagePicture(title, path.read_bytes()))
     return pictures
 
 

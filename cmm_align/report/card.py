@@ -31,7 +31,8 @@ from cmm_align.report.canvas import (
 from cmm_align.report.field import draw_field
 from cmm_align.report.instruction import Instruction
 from cmm_align.report.map_picture import map_size, mark_extremes
-from cmm_align.report.page_sections import headline_um, shown
+from cmm_align.report.page_section import shown
+from cmm_align.report.page_sections import headline_um
 from cmm_align.units import MM_PER
 
 MM_PER_INCH: Final = MM_PER["inch"]

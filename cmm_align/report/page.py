@@ -23,7 +23,8 @@ from cmm_align.provenance import InputFile, Step, program_version
 from cmm_align.report.field import unknown_inside
 from cmm_align.report.instruction import Instruction
 from cmm_align.report.page_map import map_data, thinning
-from cmm_align.report.page_sections import headline, sections, shown
+from cmm_align.report.page_section import shown
+from cmm_align.report.page_sections import headline, sections
 from cmm_align.report.summary import verdict_of
 
 if TYPE_CHECKING:
@@ -33,15 +34,16 @@ if TYPE_CHECKING:
 MOST_BYTES: Final = 2_800_000
 """Of map and pictures together, as they stand in the page: it stays under 3 MB."""
 
+_PNG: Final = b"\x89PNG"
 _PATH: Final = re.compile(r' d="[^"]*"')
 _LONG_NUMBER: Final = re.compile(r"-?\d+\.\d{3,}")
 
 
-class SvgPicture(NamedTuple):
-    """A picture for the page: what it shows, and the text of its SVG file."""
+class PagePicture(NamedTuple):
+    """A picture for the page: what it shows, and the bytes of its file, SVG or PNG."""
 
     title: str
-    svg: str
+    data: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,7 @@ def write_page(
     advice: Instruction,
     steps: Sequence[Step] = (),
     warnings: Sequence[str] = (),
-    pictures: Sequence[SvgPicture] = (),
+    pictures: Sequence[PagePicture] = (),
 ) -> None:
     """Write the report of a map as HTML.
 
@@ -84,7 +86,7 @@ def write_page(
     steps : sequence of Step
         All that led to the map, oldest first.
     warnings : sequence of str
-    pictures : sequence of SvgPicture
+    pictures : sequence of PagePicture
         Shown below the tables as long as there is room for them; the page names those that are left out.
     """
     m = deviation_map
@@ -125,9 +127,9 @@ def write_page(
     Path(path).write_bytes(text.encode("utf-8", "replace"))
 
 
-def _chosen(pictures: Sequence[SvgPicture], room: int) -> tuple[list[dict[str, str]], list[str]]:
+def _chosen(pictures: Sequence[PagePicture], room: int) -> tuple[list[dict[str, str]], list[str]]:
     """Return the pictures that there is room for, small ones first in line, and the titles of the others."""
-    uris = [_data_uri(lean(picture.svg)) for picture in pictures]
+    uris = [_data_uri(picture.data) for picture in pictures]
     chosen = set()
     for k in sorted(range(len(uris)), key=lambda k: len(uris[k])):
         room -= len(uris[k])
@@ -187,5 +189,10 @@ def _hash(script: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(script.encode('utf-8')).digest()).decode('ascii')}"
 
 
-def _data_uri(svg: str) -> str:
-    return f"data:image/svg+xml;base64,{base64.b64encode(svg.encode('utf-8')).decode('ascii')}"
+def _data_uri(picture: bytes) -> str:
+    """Return a picture as the address that holds it."""
+    if picture.startswith(_PNG):
+        kind = "png"
+    else:
+        kind, picture = "svg+xml", lean(picture.decode("utf-8")).encode("utf-8")
+    return f"data:image/{kind};base64,{base64.b64encode(picture).decode('ascii')}"

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,43 +13,16 @@ from cmm_align.model.low_orders import Kind
 from cmm_align.model.removed_motion import words as removed_words
 from cmm_align.report.alignment_summary import details_of_alignment, of_alignment, outliers_of
 from cmm_align.report.canvas import signed, thin
+from cmm_align.report.page_findings import changed
+from cmm_align.report.page_section import Row, Section, shown
 from cmm_align.report.summary import details_of_map, of_map
 from cmm_align.report.wording import as_length, as_percent, calm, decimals, two_digits
 from cmm_align.units import UM_PER_MM
-
-Row = tuple[str, ...]
 
 _TOLD: Final = {"PV", "RMS", "PVr", "mean", "highest", "lowest", "highest point", "lowest point"} | {
     *("profile (ISO 1101)", "coverage", "form", "filter", "grid", "sign")
 }
 """Rows of the summary that have a place of their own on the page."""
-
-_MICRO = re.compile(r"(?<![^\s(])u(?=(?:m|rad)\b)")
-_MINUS = re.compile(r"(?<![^\s(±])-(?=\d)")
-
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """One table of the page.
-
-    Attributes
-    ----------
-    title : str
-    rows : tuple of Row
-        The first word of a row is its label.
-    head : Row
-        Headings of the columns; empty for a list of labels and words.
-    note : str
-        A sentence under the table.
-    on_paper : bool
-        Whether it is printed; the page that is printed is one sheet.
-    """
-
-    title: str
-    rows: tuple[Row, ...]
-    head: Row = ()
-    note: str = ""
-    on_paper: bool = True
 
 
 def sections(deviation_map: DeviationMap, probe: str) -> list[Section]:
@@ -67,6 +38,7 @@ def sections(deviation_map: DeviationMap, probe: str) -> list[Section]:
     found = [
         numbers(deviation_map),
         judgements(deviation_map),
+        changed(deviation_map),
         ladder(deviation_map),
         form(deviation_map),
         coverage(deviation_map),
@@ -265,12 +237,6 @@ def headline(m: DeviationMap) -> list[tuple[str, str, str]]:
 def count(number: int) -> str:
     """Return a whole number whose thousands stay together."""
     return thin(number).replace("\N{THIN SPACE}", "\N{NARROW NO-BREAK SPACE}")
-
-
-def shown(text: str) -> str:
-    """Return our own words with the signs that a page can show: µ, a true minus, ≤ and ≥."""
-    text = _MICRO.sub("µ", text).replace("<=", "≤").replace(">=", "≥")
-    return _MINUS.sub("\N{MINUS SIGN}", " ".join(text.split()))
 
 
 def _labelled(rows: Iterable[tuple[str, str]]) -> list[Row]:

@@ -13,9 +13,10 @@ from cmm_align.config import ErrorMapConfig
 from cmm_align.model import FitReport, PointStatus, Verdict, frozen_array
 from cmm_align.provenance import InputFile, Step
 from cmm_align.report.instruction import instruction
-from cmm_align.report.page import SvgPicture, lean, write_page
+from cmm_align.report.page import PagePicture, lean, write_page
 from cmm_align.report.page_map import MOST_NODES, map_data, outline, packed, packed_u, thinning
-from cmm_align.report.page_sections import sections, shown
+from cmm_align.report.page_section import shown
+from cmm_align.report.page_sections import sections
 from cmm_align.stages.error_map import error_map
 
 EVIL = """<script>alert("x")</script> 'Spiegel' ä&ß </title>"""
@@ -148,13 +149,13 @@ def test_regions_are_drawn_and_named(a_map, page_of):
 
 
 def test_pictures_are_kept_as_long_as_there_is_room(a_map, page_of):
-    small = SvgPicture("small", '<svg><path d="M 1.234567 -2.999999"/></svg>')
-    large = SvgPicture("large", f"<svg>{'x' * 2_800_000}</svg>")
+    small = PagePicture("small", b'<svg><path d="M 1.234567 -2.999999"/></svg>')
+    large = PagePicture("large", b"<svg>" + b"x" * 2_800_000 + b"</svg>")
     page = page_of(a_map, pictures=[large, small])
 
     assert "left out: large" in page
     assert page.count("<img") == 1
-    assert lean(small.svg) == '<svg><path d="M 1.23 -3.00"/></svg>'
+    assert lean(small.data.decode()) == '<svg><path d="M 1.23 -3.00"/></svg>'
 
 
 def test_what_only_the_summary_says_is_on_the_page_too(a_map):

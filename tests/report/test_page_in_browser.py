@@ -13,7 +13,7 @@ from truth_maps import WINDOW, aligned, form_error_mm, random_places
 from cmm_align.config import ErrorMapConfig
 from cmm_align.provenance import InputFile, Step
 from cmm_align.report.instruction import instruction
-from cmm_align.report.page import SvgPicture, write_page
+from cmm_align.report.page import PagePicture, write_page
 from cmm_align.stages.error_map import error_map
 
 playwright_api = pytest.importorskip("playwright.sync_api")
@@ -31,7 +31,7 @@ QUIET = [
 ]
 NAME = "<script>document.title = 'caught'</script> \"Spiegel\" ä&ß"
 MINUS = "\N{MINUS SIGN}"
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'
+SVG = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def write(deviation_map, path, *, warnings=(), pictures=()):
 
 @pytest.fixture(scope="module")
 def path(a_map, tmp_path_factory):
-    return write(a_map, tmp_path_factory.mktemp("page") / "part.html", pictures=[SvgPicture(NAME, SVG)])
+    return write(a_map, tmp_path_factory.mktemp("page") / "part.html", pictures=[PagePicture(NAME, SVG)])
 
 
 class Opened:
@@ -218,7 +218,7 @@ def test_a_picture_is_enlarged_by_a_click(opened):
 @pytest.mark.parametrize("much", [0, 45], ids=["plain", "much to say"])
 def test_it_prints_on_one_sheet_of_a4(browser, a_map, tmp_path, much):
     warnings = [f"warning {k}: " + "something that takes a line or two of the page " * 3 for k in range(much)]
-    pictures = [SvgPicture(str(k), SVG) for k in range(much and 6)]
+    pictures = [PagePicture(str(k), SVG) for k in range(much and 6)]
     window = Opened(browser, write(a_map, tmp_path / "p.html", warnings=warnings, pictures=pictures))
     pdf = window.page.pdf(prefer_css_page_size=True)
     window.page.close()
