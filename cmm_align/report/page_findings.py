@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cmm_align.model import Change, DeviationMap
 from cmm_align.report.page_section import Section, shown
-from cmm_align.report.wording import as_percent, calm, two_digits
+from cmm_align.report.wording import as_percent, calm
 
 
 def changed(m: DeviationMap) -> Section:
@@ -32,15 +32,10 @@ def changed(m: DeviationMap) -> Section:
         )
         for band in change.bands
     ]
-    told = (
-        *change.words,
-        f"Changed: {as_percent(change.share_changed)} of the area, better {as_percent(change.share_better)}, "
-        f"worse {as_percent(change.share_worse)}; RMS {change.rms_change_um:+.3f} um "
-        f"(u {two_digits(change.u_rms_change_um)})",
-    )
+    told = "; ".join((*change.words, f"now nearer to the nominal on {as_percent(change.share_better)}"))
     return Section(
         f"What changed since {change.earlier}",
         tuple(rows),
-        ("after - before, without", "PV, µm", "RMS, µm", "of noise", ""),
-        ". ".join(shown(text).rstrip(".") for text in told) + ".",
+        ("after less before, without", "PV, µm", "RMS, µm", "of noise", ""),
+        shown(told),
     )

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cmm_align.errors import GeometryError
 from cmm_align.model import Alignment, DeviationMap, Nominal, Statistics
 from cmm_align.report.canvas import limit_um, three_digits
 from cmm_align.report.deviation_colours import deviation_colours
@@ -46,8 +47,15 @@ def map_data(deviation_map: DeviationMap) -> dict[str, Any]:
         row by row, in steps of ``10**-digits`` and ``10**-u_digits`` um; ``outline_mm``: the rings of the
         aperture as x, y, x, y ...; ``regions``: the same of report and fit region; ``colours``: RRGGBB from
         the most negative to the most positive.
+
+    Raises
+    ------
+    GeometryError
+        If no node of the map is known.
     """
     m = deviation_map
+    if not np.isfinite(m.deviation_mm).any():
+        raise GeometryError("no node of the map is known", remedy="measure more of the part")
     every = thinning(m.deviation_mm.size)
     deviation_um = m.deviation_mm[::every, ::every] * UM_PER_MM
     u_um = m.sigma_mm[::every, ::every] * UM_PER_MM

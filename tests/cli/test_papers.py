@@ -61,16 +61,3 @@ def test_a_pass_number_needs_a_card(cli, aligned_file):
 
     assert ran.code == 2
     assert "--card" in ran.err
-
-
-def test_a_comparison_is_on_the_page(cli, aligned_file, made):
-    ran = cli(
-        *("error-map", aligned_file, "--compare", made / "part.map.h5", "--report"),
-        *("--no-picture", "--spacing", "6mm", "--json"),
-    )
-    page = aligned_file.with_name("T<b>&ä 1.map.html").read_text(encoding="utf-8")
-
-    assert ran.code == 0
-    assert ran.result["comparison"] is not None
-    assert "What changed since part" in page
-    assert 'alt="what changed since the earlier measurement"' in page

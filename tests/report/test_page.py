@@ -10,6 +10,7 @@ import pytest
 from truth_maps import WINDOW, Quadric, aligned, form_error_mm, random_places
 
 from cmm_align.config import ErrorMapConfig
+from cmm_align.errors import GeometryError
 from cmm_align.model import FitReport, PointStatus, Verdict, frozen_array
 from cmm_align.provenance import InputFile, Step
 from cmm_align.report.instruction import instruction
@@ -17,6 +18,7 @@ from cmm_align.report.page import PagePicture, lean, write_page
 from cmm_align.report.page_map import MOST_NODES, map_data, outline, packed, packed_u, thinning
 from cmm_align.report.page_section import shown
 from cmm_align.report.page_sections import sections
+from cmm_align.stages.comparison import compare
 from cmm_align.stages.error_map import error_map
 
 EVIL = """<script>alert("x")</script> 'Spiegel' ä&ß </title>"""
@@ -109,6 +111,12 @@ def test_the_packed_map_is_the_map_rounded_once(a_map, size_um):
         assert f"{count / 10 ** data['digits']:.{data['digits']}f}" == f"{value * 1e3:.{data['digits']}f}"
 
 
+def test_a_map_without_a_node_is_refused(a_map, page_of, tmp_path):
+    with pytest.raises(GeometryError, match="no node"):
+        page_of(replace(a_map, deviation_mm=np.full_like(a_map.deviation_mm, np.nan)))
+    assert not (tmp_path / "part.html").exists()
+
+
 def test_unknown_nodes_and_the_largest_numbers_are_kept_apart():
     text, bits = packed(np.array([[np.nan, -32.767, 32.767]]), 3)
     assert (bits, list(np.frombuffer(base64.b64decode(text), "<i2"))) == (16, [-32768, -32767, 32767])
@@ -129,6 +137,20 @@ def test_the_outline_is_the_aperture():
     assert np.abs(np.hypot(*corners.T) - 20.0).max() < step
     (ring,) = outline(aligned(WINDOW, form_error_mm, random_places(WINDOW, 9)).nominal)
     assert len(ring) <= 2 * 8  # a rectangle needs few corners
+
+
+def test_what_changed_is_told_rung_by_rung(a_map, page_of):
+    before = aligned(
+        WINDOW, lambda x, y: 3.0 * form_error_mm(x, y), random_places(WINDOW, 2000), noise_mm=3e-4
+    )
+    comparison = compare(a_map, before, ErrorMapConfig(), names=("now.align.h5", EVIL))
+    m = replace(a_map, comparison=comparison)
+    told = next(s for s in sections(m, PROBE) if s.title.startswith("What changed since"))
+
+    assert len(told.rows) == len(comparison.change.rungs) + len(comparison.change.bands)
+    assert told.rows[0][-1] == "real"
+    assert float(told.rows[0][2]) == pytest.approx(comparison.change.rungs[0].rms_um, rel=1e-3)
+    assert "<script>alert" not in page_of(m)
 
 
 def test_regions_are_drawn_and_named(a_map, page_of):
