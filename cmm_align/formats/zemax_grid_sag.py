@@ -113,6 +113,12 @@ def read(source: Source, units: str | None = None) -> PointSet:
 
 def _table(lines: list[tuple[int, str]], where: str) -> Array:
     """Return the five numbers of every line, the last one 0 where it is left out."""
+    try:
+        table = np.loadtxt([line for _, line in lines], ndmin=2, comments=None)
+    except ValueError:
+        table = np.zeros((0, 0))  # line by line, then: lengths that differ, powers with d, a mistake
+    if table.shape == (len(lines), 5) and np.isfinite(table).all():
+        return table
     table = np.zeros((len(lines), 5))
     for row, (number, line) in enumerate(lines):
         fields = line.split()

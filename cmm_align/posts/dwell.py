@@ -128,7 +128,7 @@ def read(raw: bytes, where: str) -> Removal:
         inside = np.asarray(found["inside"]) == 1
         piston, radius = float(found["piston_m"]), float(found["footprint_radius_m"])
         x0, x1, y0, y1 = (float(v) for v in found["ca_box_m"])
-    except (ValueError, TypeError, KeyError, NotImplementedError, MatReadError) as error:
+    except (ValueError, TypeError, KeyError, OSError, NotImplementedError, MatReadError) as error:
         raise MalformedInputError(f"no dwell grid ({' '.join(str(error).split())})", where=where) from None
     ordered = removal.shape == x.shape == y.shape == inside.shape and removal.ndim == 2
     if not ordered or not np.isfinite(removal).all() or float(removal.min()) < 0.0 or not inside.any():

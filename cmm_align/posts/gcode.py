@@ -8,10 +8,12 @@ offset are the machine's own and are left to the user.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmm_align.errors import MalformedInputError
 from cmm_align.formats.fixed_decimals import Field, Piece, lines_of
@@ -20,12 +22,13 @@ from cmm_align.posts.commanded import CommandedPoints
 from cmm_align.posts.contacts import contacts
 from cmm_align.posts.job import ExportJob
 from cmm_align.posts.limits import check_lines
-from cmm_align.posts.numbers import table_of
+from cmm_align.posts.numbers import Lines, table_of
 from cmm_align.posts.rounding import rounding_mm
 from cmm_align.posts.tool_path import ToolPath, raster, spiral
 
 _CUT = b"G1 X"
 _RAPID = b"G0 X"
+_WHOLE = re.compile(rb"%\n(?:\([^\n]*\)\n)*G21 G90 G94\n")
 
 
 def raster_blocks(job: ExportJob) -> Iterator[bytes]:
@@ -84,16 +87,29 @@ def read(raw: bytes, where: str, wheel: Wheel) -> CommandedPoints:
     MalformedInputError
         If it is no whole program of this kind in mm and absolute coordinates.
     """
-    lines = raw.split(b"\n")
-    if b"G21 G90 G94" not in lines[:12] or [line for line in lines if line][-2:] != [b"M30", b"%"]:
+    if not _WHOLE.match(raw) or raw.split()[-2:] != [b"M30", b"%"]:
         raise MalformedInputError("no whole program in mm and absolute coordinates", where=where)
-    cuts = [line for line in lines if line.startswith((b"X", _CUT))]
-    if not cuts or not cuts[0].startswith(_CUT):
-        raise MalformedInputError("no stroke", where=where, expected="G1 X Y Z F")
-    starts = np.array([k for k, line in enumerate(cuts) if line.startswith(_CUT)])
-    plain = [line[3:].partition(b" F")[0] if line.startswith(_CUT) else line for line in cuts]
+    lines = Lines(raw)
+    first, rapid = lines.start_with(_CUT), lines.start_with(_RAPID)
+    cut = first | lines.start_with(b"X")
+    if not first.any() or not first[cut][0] or not rapid.any():
+        raise MalformedInputError("no stroke", where=where, expected="G0 X Y Z, then G1 X Y Z F")
+    plain = _without_feed(lines, cut, first)
     centres = table_of(plain, 3, where, b"XYZ")
-    rapid = table_of([line[3:] for line in lines if line.startswith(_RAPID)], 3, where, b"XYZ")
-    rounding = rounding_mm(len(plain[0].split()[0].partition(b".")[2]))
-    found = contacts(centres, starts, wheel, rapid[0] - centres[0])
+    above = table_of(lines.only(rapid).replace(b"G0 ", b"   "), 3, where, b"XYZ")[0]
+    rounding = rounding_mm(len(plain.split(maxsplit=1)[0].partition(b".")[2]))
+    starts = np.flatnonzero(first[cut])
+    found = contacts(centres, starts, wheel, above - centres[0])
     return CommandedPoints(found.points_mm, found.normals, centres, "part", rounding + found.error_mm)
+
+
+def _without_feed(lines: Lines, cut: NDArray[np.bool_], first: NDArray[np.bool_]) -> bytes:
+    """Return the coordinates of all cuts, the words G1 and F of the first points of strokes blanked."""
+    out = bytearray(lines.only(cut))
+    for k in np.flatnonzero(first).tolist():
+        start, end = int(lines.starts[k]), int(lines.ends[k])
+        feed = out.find(b" F", start, end)
+        out[start : start + 2] = b"  "
+        if feed >= 0:
+            out[feed:end] = b" " * (end - feed)
+    return bytes(out)

@@ -14,13 +14,14 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmm_align.errors import MalformedInputError
 from cmm_align.formats.fixed_decimals import Field, Piece, lines_of
 from cmm_align.posts.commanded import CommandedPoints
 from cmm_align.posts.job import ExportJob
 from cmm_align.posts.limits import check_lines
-from cmm_align.posts.numbers import table_of
+from cmm_align.posts.numbers import Lines, table_of
 from cmm_align.posts.rounding import least_normal_decimals, rounding_mm
 from cmm_align.posts.tool_path import raster
 from cmm_align.surfaces.protocol import Array
@@ -98,8 +99,8 @@ def read(raw: bytes, where: str) -> CommandedPoints:
     first = _BLOCK.search(rest)
     if first is None:
         raise MalformedInputError("no block with LN X Y Z NX NY NZ", where=where)
-    lines = [line.partition(b" FQ1")[0] for line in rest.split(b"\n") if b" LN X" in line[:14]]
-    table = table_of(lines, 7, where, b"LNXYZ")
+    lines = Lines(rest.replace(b" FQ1\n", b"\n"))
+    table = table_of(lines.only(_has_normal(lines)), 7, where, b"LNXYZ")
     return CommandedPoints(
         points_mm=table[:, 1:4],
         normals=table[:, 4:7],
@@ -107,3 +108,14 @@ def read(raw: bytes, where: str) -> CommandedPoints:
         frame="part",
         accuracy_mm=rounding_mm(len(first[1].partition(b".")[2])),
     )
+
+
+def _has_normal(lines: Lines) -> NDArray[np.bool_]:
+    """Return, shape (n,), which lines are LN blocks."""
+    last = len(lines.bytes_) - 1
+    at = np.flatnonzero(lines.bytes_ == ord("L"))
+    for k, byte in enumerate(b" LN X", -1):
+        at = at[lines.bytes_[np.clip(at + k, 0, last)] == byte]
+    found = np.zeros(len(lines.starts), np.bool_)
+    found[np.searchsorted(lines.ends, at)] = True
+    return found

@@ -279,20 +279,16 @@ def read(
         raise MalformedInputError(
             "not a whole file of this format", where=where, expected="its header, its lines and its footer"
         )
-    first = top[0].count(end)
-    body, names = raw[top.end() : bottom.start()].split(end)[:-1], template.names
+    text, names = raw[top.end() : bottom.start()], template.names
     pattern = _pattern(template)
     literal = "".join(_PLACEHOLDER.split(template.line)[::2])
-    for k in {0, len(body) - 1} if body else ():
-        if not re.fullmatch(pattern, body[k]):
-            raise MalformedInputError(
-                f"{body[k][:60]!r}", where=f"{where}:{first + k + 1}", expected=f"lines like {template.line}"
-            )
+    for line in (text[: text.find(end)], text.rstrip(b"\r\n").rpartition(b"\n")[2]):
+        if not re.fullmatch(pattern, line):
+            raise MalformedInputError(f"{line[:60]!r}", where=where, expected=f"lines like {template.line}")
     of_numbers = set("0123456789+-.eE" + template.decimal_sign)
     if set(literal) & of_numbers:
-        found = [re.fullmatch(pattern, line) for line in body]
-        body = [b" ".join(one.groups()) if one else b"?" for one in found]
-    text = b"\n".join(body)
+        found = [re.fullmatch(pattern, line) for line in text.removesuffix(end).split(end)]
+        text = b"\n".join(b" ".join(one.groups()) if one else b"?" for one in found)
     if template.decimal_sign == ",":
         text = text.replace(b",", b".")
     letters = bytes(sorted(set("".join(set(literal) - of_numbers - {" "}).encode("ascii"))))
