@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from cmm_align.cli.job import beside
 from cmm_align.config import ErrorMapConfig
@@ -107,35 +107,60 @@ def parsed(
     )
 
 
-def limits_of(config: ErrorMapConfig) -> Limits | None:
-    """Return the limits of single deviations that the tolerances give; None without one."""
+def limits_of(config: ErrorMapConfig, drawings: Drawings) -> Limits | None:
+    """Return the limits of single deviations that the tolerances give; None without one.
+
+    Raises
+    ------
+    UsageError
+        If there is none, but a picture was asked for that is nothing without.
+    """
     if config.tolerance_pv_um > 0.0:
         half = 0.5 * config.tolerance_pv_um
         return Limits(-half, half, f"half of PV {config.tolerance_pv_um:g} µm either side")
+    if "bands" in drawings.names and not drawings.every:
+        raise UsageError(
+            "the picture bands has no limits to show",
+            expected="a tolerance of single deviations",
+            remedy="add --tolerance-pv 10um",
+        )
     return None
 
 
+class Drawn(NamedTuple):
+    """What came of the pictures."""
+
+    paths: list[Path]
+    """Those that were written."""
+    faults: list[str]
+    """A sentence for those that failed."""
+    notes: list[str]
+    """A sentence for those that a map cannot have, where all were asked for."""
+
+
 def draw_all(
-    deviation_map: DeviationMap,
-    files: Sequence[tuple[str, Path]],
-    wishes: Wishes,
-    *,
-    overwrite: bool,
-) -> tuple[list[Path], list[str]]:
-    """Draw pictures of a map; return those that were written, and a sentence for those that were not.
+    deviation_map: DeviationMap, drawings: Drawings, output: Path, wishes: Wishes, *, overwrite: bool
+) -> Drawn:
+    """Draw pictures of a map; a failure stops none of the others.
 
     Parameters
     ----------
     deviation_map : DeviationMap
-    files : sequence of (name, Path)
-        From `Drawings.files`.
+    drawings : Drawings
+    output : Path
+        Of the map.
     wishes : Wishes
     overwrite : bool
         Whether pictures that are there may be replaced.
     """
     drawn: list[Path] = []
     faults: dict[str, list[str]] = {}
-    for name, path in files:
+    notes: dict[str, str] = {}
+    for name, path in drawings.files(output):
+        why = nothing_to_show(name, deviation_map, wishes) if drawings.every else ""
+        if why:
+            notes[name] = f"no picture {name}: {why}"
+            continue
 
         def to(place: Path, name: str = name) -> None:
             draw(name, deviation_map, place, wishes)
@@ -145,7 +170,15 @@ def draw_all(
             faults.setdefault(fault, []).append(named(path))
         else:
             drawn.append(path)
-    return drawn, [not_drawn(names, fault) for fault, names in faults.items()]
+    return Drawn(drawn, [not_drawn(names, why) for why, names in faults.items()], list(notes.values()))
+
+
+def nothing_to_show(name: str, deviation_map: DeviationMap, wishes: Wishes) -> str:
+    """Return why a map cannot have a picture, or nothing."""
+    if name == "bands" and wishes.limits is None:
+        return "no tolerance of single deviations is given (--tolerance-pv)"
+    spectrum = deviation_map.spectrum
+    return spectrum.missing if name == "psd" and spectrum is not None else ""
 
 
 def attempt(drawing: Callable[[Path], None], path: Path, *, overwrite: bool) -> str:

@@ -208,12 +208,17 @@ def make_map(
     if output is None:
         output = beside(aligned, ".map.h5")
     drawings = drawing.Drawings() if drawings is None else drawings
-    pictures = drawings.files(output)
+    limits = drawing.limits_of(config, drawings)
     export_files = map_exports.files(exports, output)
     alignment = io.read_alignment(aligned)
     for text in drawings.sections:
         section_line(text, alignment.nominal.surface.bounds)  # before anything is computed or written
-    outputs = [output, *export_files.values(), *(path for _, path in pictures), *papers.paths(output)]
+    outputs = [
+        output,
+        *export_files.values(),
+        *(path for _, path in drawings.files(output)),
+        *papers.paths(output),
+    ]
     inputs = [aligned]
     if earlier is not None:
         comparing.check_earlier(job, aligned, earlier, config)
@@ -232,28 +237,34 @@ def make_map(
         title=beside(aligned, "").name,
         source=aligned.name,
         scale_um=config.picture_scale_um,
-        limits=drawing.limits_of(config),
+        limits=limits,
         sections=drawings.sections,
     )
-    drawn, faults = drawing.draw_all(deviation_map, pictures, wishes, overwrite=job.overwrite)
+    drawn = drawing.draw_all(deviation_map, drawings, output, wishes, overwrite=job.overwrite)
+    outputs, faults = [output, *exported, *drawn.paths], drawn.faults
     if earlier is not None:
         places = comparing.files(drawings, output)
         more, missing = comparing.draw_all(deviation_map, places, wishes, overwrite=job.overwrite)
-        drawn, faults = [*drawn, *more], [*faults, *missing]
+        outputs, faults = [*outputs, *more], [*faults, *missing]
     change = None if deviation_map.comparison is None else deviation_map.comparison.change
     verdict, reasons = summary.verdict_of(deviation_map)
     within = verdict == "PASS"
     command, advice = ("", "") if within else _compensation(deviation_map, output)
-    warnings = [*cautions.of_tolerances(deviation_map, config), *cautions.of_map(deviation_map), *told]
+    warnings = [
+        *drawn.notes,
+        *cautions.of_tolerances(deviation_map, config),
+        *cautions.of_map(deviation_map),
+        *told,
+    ]
     written, missing = papers.write(
         deviation_map, output, wishes, steps, [*faults, *warnings], overwrite=job.overwrite
     )
-    faults += missing
+    faults = [*faults, *missing]
     return Outcome(
         command=job.command,
         noun=deviation_map,
         inputs=steps[-1].inputs,
-        outputs=[output, *exported, *drawn, *written],
+        outputs=[*outputs, *written],
         result={
             **results.of_map(deviation_map),
             "exports": [str(path) for path in exported],

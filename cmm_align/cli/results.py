@@ -17,7 +17,7 @@ import numpy as np
 from cmm_align import __version__
 from cmm_align.cli.job import Outcome
 from cmm_align.errors import InputError
-from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, Statistics
+from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, Spectrum, Statistics
 from cmm_align.report.alignment_summary import outliers_of
 from cmm_align.units import DEG_PER_RAD, MRAD_PER_RAD, NM_PER_MM, UM_PER_MM
 
@@ -241,10 +241,27 @@ def of_map(deviation_map: DeviationMap) -> dict[str, Any]:
         ],
         "low_orders": None if deviation_map.low_orders is None else asdict(deviation_map.low_orders),
         "filter": None if deviation_map.filter is None else asdict(deviation_map.filter),
+        "spectrum": None if deviation_map.spectrum is None else _spectrum(deviation_map.spectrum),
         "verdict": str(deviation_map.verdict),
         "verdict_lines": list(deviation_map.verdict_lines),
         "coverage_percent": 100.0 * deviation_map.coverage,
         "points": of_statistics(deviation_map.point_statistics),
+    }
+
+
+def _spectrum(spectrum: Spectrum) -> dict[str, Any]:
+    """Return the spectrum of a map: rings from long to short waves, and bands."""
+    columns = zip(spectrum.frequency_per_mm, spectrum.psd_um2_mm2, spectrum.freedom, strict=True)
+    return {
+        "rings": [
+            {"wavelength_mm": 1.0 / frequency, "psd_um2_mm2": psd, "freedom": freedom}
+            for frequency, psd, freedom in columns
+        ],
+        "noise_floor_um2_mm2": spectrum.noise_floor_um2_mm2,
+        "bands": [asdict(band) for band in spectrum.bands],
+        "shortest_mm": spectrum.shortest_mm,
+        "taper_mm": spectrum.taper_mm,
+        "missing": spectrum.missing,
     }
 
 

@@ -43,11 +43,13 @@ from cmm_align.model.results import (
     LadderRung,
     MapFilter,
 )
+from cmm_align.model.spectrum import Band, Spectrum
 from cmm_align.model.statistics import Statistics, Verdict
 
 __all__ = [
     "MIN_POINTS",
     "Alignment",
+    "Band",
     "Bidirectional",
     "Change",
     "ChangeBand",
@@ -82,6 +84,7 @@ __all__ = [
     "PoseKnowledge",
     "ProcessTransfer",
     "RemovedMotion",
+    "Spectrum",
     "Spread",
     "Statistics",
     "Verdict",

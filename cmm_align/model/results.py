@@ -12,6 +12,7 @@ from cmm_align.model.fit_report import FitReport
 from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.nominal import Nominal
 from cmm_align.model.points import IntArray
+from cmm_align.model.spectrum import Spectrum
 from cmm_align.model.statistics import Statistics, Verdict
 from cmm_align.pose import Pose
 from cmm_align.surfaces.protocol import Array, Mask
@@ -143,6 +144,8 @@ class DeviationMap:
         What the form error consists of; None in files of older versions.
     comparison : Comparison or None
         What changed since an earlier measurement, where one was given.
+    spectrum : Spectrum or None
+        Which wavelengths it has, or why that cannot be told; None in files of older versions.
     """
 
     alignment: Alignment
@@ -165,3 +168,4 @@ class DeviationMap:
     filter: MapFilter | None = None
     low_orders: LowOrders | None = None
     comparison: Comparison | None = None
+    spectrum: Spectrum | None = None

@@ -234,25 +234,47 @@ def _bridged(known: Mask) -> tuple[Mask, int]:
 
 def _plane(field: Array, window: Array) -> Array:
     """Return the plane that leaves ``window * (field - plane)`` without mean and tilt."""
-    iy, ix = np.indices(field.shape)
-    basis = np.stack([np.ones(field.shape), ix - ix.mean(), iy - iy.mean()], axis=-1).reshape(-1, 3)
-    weighted = basis * window.reshape(-1, 1)
-    coefficients = np.linalg.lstsq(basis.T @ weighted, weighted.T @ field.ravel(), rcond=None)[0]
-    return np.asarray((basis @ coefficients).reshape(field.shape), dtype=np.float64)
+    ny, nx = field.shape
+    x, y = np.arange(nx) - 0.5 * (nx - 1), np.arange(ny) - 0.5 * (ny - 1)
+
+    def moments(values: Array) -> Array:
+        """Return the sums of the values times 1, x and y."""
+        columns, rows = values.sum(axis=0), values.sum(axis=1)
+        return np.array([columns.sum(), columns @ x, rows @ y])
+
+    along_x, along_y = window.sum(axis=0) * x, window.sum(axis=1) * y
+    mixed = y @ window @ x
+    normal = np.array(
+        [
+            [window.sum(), along_x.sum(), along_y.sum()],
+            [along_x.sum(), along_x @ x, mixed],
+            [along_y.sum(), mixed, along_y @ y],
+        ]
+    )
+    c = np.linalg.lstsq(normal, moments(window * field), rcond=None)[0]
+    return np.asarray(c[0] + c[1] * x + c[2] * y[:, None], dtype=np.float64)
 
 
 def _tied_pairs(ring: NDArray[np.intp], squares: Array) -> Array:
     """Return the number of pairs of modes of each ring, weighted with their squared correlation.
 
     White noise a step (p, q) apart correlates by |S(p, q)| / S(0, 0), S the transform of the squared window.
+    A step and its opposite tie the same pairs, so half of them are counted, twice.
     """
-    labels = np.concatenate([[-1], ring]).reshape(squares.shape)
-    shares = (np.abs(np.fft.fft2(squares)) / squares.sum()) ** 2
-    pairs = np.zeros(int(ring.max()) + 1)
-    for q in range(-TIED_STEPS, TIED_STEPS + 1):
-        for p in range(-TIED_STEPS, TIED_STEPS + 1):
-            together = labels == np.roll(labels, (q, p), (0, 1))
-            pairs += shares[q, p] * np.bincount(labels[together & (labels >= 0)], minlength=len(pairs))
+    far, (ny, nx) = TIED_STEPS, squares.shape
+    steps = np.arange(-far, far + 1)
+    along_y, along_x = (np.exp(-2j * np.pi * np.outer(steps, np.arange(n)) / n) for n in (ny, nx))
+    shares = np.abs(along_y @ squares @ along_x.T / squares.sum()) ** 2
+    labels = np.concatenate([[-1], ring]).astype(np.int32).reshape(ny, nx)
+    around = np.pad(labels, far, mode="wrap")
+    around[around < 0] = -2  # the first mode is tied to none
+    pairs = np.bincount(ring).astype(np.float64)
+    for q in range(far + 1):
+        for p in range(-far, far + 1):
+            if q > 0 or p > 0:
+                shifted = around[far + q : far + q + ny, far + p : far + p + nx]
+                tied = np.bincount(labels[labels == shifted], minlength=len(pairs))
+                pairs += 2.0 * shares[far + q, far + p] * tied
     return pairs
 
 

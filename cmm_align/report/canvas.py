@@ -34,6 +34,8 @@ _HEAD_LEFT: Final = 0.055
 _NUMBERS_RIGHT: Final = 0.965
 _NUMBER_WIDTH: Final = 0.128
 _TITLE_SIZE: Final = 15.0
+_TICK_IN: Final = 0.45
+"""Room for a number under an axis."""
 _SMALLEST_TITLE: Final = 9.5
 _TITLE_LETTERS: Final = 33.0
 """So many letters of a title fill half the width of the sheet."""
@@ -126,7 +128,9 @@ def dress(axes: Axes, nominal: Nominal, *, y_label: bool = True) -> None:
     margin = 0.025 * max(b.x_max - b.x_min, b.y_max - b.y_min)
     axes.set_xlim(b.x_min - margin, b.x_max + margin)
     axes.set_ylim(b.y_min - margin, b.y_max + margin)
-    axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
+    width_in = axes.get_position().width * WIDTH_IN
+    most = int(np.clip(width_in / _TICK_IN, 2, 7))
+    axes.xaxis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.set_xlabel("x, mm")
     if y_label:

@@ -17,6 +17,8 @@ from cmm_align.report.deviation_colours import deviation_colours
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.units import UM_PER_MM
 
+MaskedArray = np.ma.MaskedArray[tuple[int, int], np.dtype[np.float64]]
+
 PIXELS: Final = 1200
 """Samples along the longer side of a drawn field."""
 
@@ -28,6 +30,9 @@ NARROWEST_BLEND: Final = 0.6
 
 MOST_DOTS: Final = 3000
 """More points than this are not drawn one by one."""
+
+DENSEST_DOTS_PER_IN2: Final = 120.0
+"""Nor are points so dense that they would darken the colours of a small map."""
 
 _SQUARE: Final = tuple((dy, dx) for dy in range(3) for dx in range(3))
 _CROSS: Final = ((0, 1), (1, 0), (1, 2), (2, 1))
@@ -67,7 +72,42 @@ def draw_field(
         Samples along the longer side.
     """
     colours = deviation_colours() if hues_deg is None else deviation_colours(hues_deg=hues_deg)
-    colour_map = ListedColormap(colours, name="deviation").with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
+    values, extent = resampled(nominal, x_mm, y_mm, field_mm, pixels)
+    image = axes.imshow(
+        values * UM_PER_MM,
+        extent=extent,
+        origin="lower",
+        cmap=ListedColormap(colours, name="deviation").with_extremes(bad=(0.0, 0.0, 0.0, 0.0)),
+        vmin=-limit,
+        vmax=limit,
+        interpolation="nearest",
+        zorder=2,
+    )
+    axes.set_aspect("equal")
+    return image
+
+
+def resampled(
+    nominal: Nominal, x_mm: Array, y_mm: Array, field_mm: Array, pixels: int
+) -> tuple[MaskedArray, tuple[float, float, float, float]]:
+    """Return a field at more places, as `draw_field` shows it, and the rectangle that it covers.
+
+    Parameters
+    ----------
+    nominal : Nominal
+    x_mm, y_mm : ndarray, shape (nx,), (ny,), mm
+    field_mm : ndarray, shape (ny, nx), mm
+        NaN where unknown.
+    pixels : int
+        Samples along the longer side, about.
+
+    Returns
+    -------
+    values : masked array, shape (my, mx), mm
+        In the middles of even cells; masked where unknown, and one node beyond the grid at most.
+    extent : tuple of float
+        Left, right, low and high border of the cells, mm.
+    """
     x, y = _one_more(x_mm), _one_more(y_mm)
     field = np.pad(field_mm, 1, constant_values=np.nan)
     known = np.isfinite(field)
@@ -87,24 +127,34 @@ def draw_field(
     fine = np.clip(along_y @ field @ along_x.T, low, high)
     shown = np.repeat(np.repeat(known, factor, axis=0), factor, axis=1)
     half_x, half_y = 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0])
-    image = axes.imshow(
-        np.ma.masked_where(~shown, fine * UM_PER_MM),
-        extent=(float(x[0] - half_x), float(x[-1] + half_x), float(y[0] - half_y), float(y[-1] + half_y)),
-        origin="lower",
-        cmap=colour_map,
-        vmin=-limit,
-        vmax=limit,
-        interpolation="nearest",
-        zorder=2,
-    )
-    axes.set_aspect("equal")
-    return image
+    extent = (float(x[0] - half_x), float(x[-1] + half_x), float(y[0] - half_y), float(y[-1] + half_y))
+    return np.ma.masked_where(~shown, fine), extent
+
+
+def cell_middles(shape: tuple[int, int], extent: tuple[float, float, float, float]) -> tuple[Array, Array]:
+    """Return the places of resampled values, x of shape (mx,) and y of shape (my,), mm.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Of the values, (my, mx).
+    extent : tuple of float
+        As `resampled` returns it.
+    """
+    left, right, low, high = extent
+    ny, nx = shape
+    x: Array = left + (np.arange(nx, dtype=np.float64) + 0.5) * ((right - left) / nx)
+    y: Array = low + (np.arange(ny, dtype=np.float64) + 0.5) * ((high - low) / ny)
+    return x, y
 
 
 def draw_points(axes: Axes, alignment: Alignment) -> Line2D | None:
     """Draw the places of the measured points as tiny dots, unless there are too many to be told apart."""
     judged = alignment.judged & np.isfinite(alignment.deviation_mm)
-    if not 0 < np.count_nonzero(judged) < MOST_DOTS:
+    box = axes.get_position()
+    figure = axes.get_figure(root=True)
+    area_in2 = 1.0 if figure is None else box.width * box.height * float(np.prod(figure.get_size_inches()))
+    if not 0 < np.count_nonzero(judged) < min(MOST_DOTS, DENSEST_DOTS_PER_IN2 * area_in2):
         return None
     e, normals = alignment.deviation_mm[judged, None], alignment.normals[judged]
     foot = alignment.contact_part_mm[judged] - e * normals

@@ -40,6 +40,8 @@ from cmm_align.units import UM_PER_MM
 
 _LEFT: Final = 0.08
 _MAP_WIDTH: Final = 0.80
+_LEGEND_RIGHT: Final = 0.7
+"""Under a narrow map the legend would run into the name of its axis."""
 _HEAD_IN: Final = 1.1
 _VERDICT_IN: Final = 0.2
 _FOOT_IN: Final = 0.84
@@ -101,7 +103,7 @@ def draw_map(
             marks.append((hatched_patch(), "not measured, or not judged" if told else "not measured"))
         if len(marks) > 2:  # a long legend needs the room under the middle
             axes.set_xlabel("x, mm", loc="left")
-        legend(figure, marks, right, height_in)
+        legend(figure, marks, max(right, _LEGEND_RIGHT), height_in)
         single = m.point_statistics
         lines = [
             f"deviation from nominal; {SIGN}",

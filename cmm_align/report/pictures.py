@@ -29,11 +29,15 @@ class Picture(NamedTuple):
 
 PICTURES: Final[dict[str, Picture]] = {
     "map": Picture("deviations in colour, with the lowest and the highest place", ("scale_um",)),
+    "bands": Picture("the map in the colours of its tolerance: within, below, above", ("limits",)),
     "histogram": Picture("distribution of nodes and points, with percentiles", ("scale_um", "limits")),
     "sections": Picture(
         "deviation with its uncertainty along chosen lines", ("scale_um", "limits", "sections")
     ),
     "ladder": Picture("PV and RMS of what is left without the low orders"),
+    "psd": Picture("spectral density over wavelengths, with the noise of the points"),
+    "relief": Picture("deviations as heights, seen from one side", ("scale_um",)),
+    "outliers": Picture("where the points are that did not steer the fit, and why"),
 }
 """In the order in which they are drawn and told."""
 

@@ -37,6 +37,7 @@ from cmm_align.stages.deviation_statistics import deviation_statistics
 from cmm_align.stages.low_orders import low_orders
 from cmm_align.stages.map_filter import filtered
 from cmm_align.stages.map_grid import Places, axis_over, method_in_words, places_of, step_of
+from cmm_align.stages.map_spectrum import map_spectrum
 from cmm_align.stages.report_region import reported_in
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Mask
@@ -99,6 +100,7 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         )
     steps_mm = float(x_mm[1] - x_mm[0]), float(y_mm[1] - y_mm[0])
     deviation, used_filter = filtered(deviation, steps_mm, config)
+    spectrum = map_spectrum(deviation, steps_mm, fit.scatter, len(places.x_mm))
     found, weights = _low_orders(alignment, places, (x_mm, y_mm), deviation, fit, config.window)
     statistics = deviation_statistics(deviation, x_grid, y_grid, weights)
     ladder = tuple(
@@ -136,6 +138,7 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         method=method_in_words(config),
         window_steps=config.window,
         filter=used_filter,
+        spectrum=spectrum,
         low_orders=found,
     )
 

@@ -93,3 +93,29 @@ def test_an_older_picture_that_stays_is_told(tmp_path):
     assert "older than these numbers" in drawing.named(path)
     assert path.read_bytes().startswith(b"\x89PNG")
     assert "exists already" in drawing.attempt(fails, path, overwrite=False)
+
+
+def test_all_leaves_out_what_a_map_cannot_have_and_says_so(cli, made, tmp_path):
+    out = tmp_path / "part.map.h5"
+    result = cli(
+        "error-map", made / "part.align.h5", "-o", out, "--json", "--spacing", "12", "--pictures", "all"
+    )  # fmt: skip
+    assert result.code == 0, result.err
+    assert any(text.startswith("no picture bands: no tolerance") for text in result.json["warnings"])
+    assert any(text.startswith("no picture psd: a map with values in") for text in result.json["warnings"])
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"part.map.h5", *(f"part.{n}.png" for n in PICTURES if n not in {"bands", "psd"})}
+    assert result.result["spectrum"]["rings"] == []
+    assert result.result["spectrum"]["missing"]
+    bands = cli("error-map", made / "part.align.h5", "-o", out, "--overwrite", "--pictures", "bands")
+    assert bands.code == 2
+    assert "add --tolerance-pv" in bands.err
+
+
+def test_a_cutoff_that_cannot_be_is_refused_with_both_limits(cli, made, tmp_path):
+    for option, cutoff in (("--low-pass", "1mm"), ("--high-pass", "200mm")):
+        result = cli("error-map", made / "part.align.h5", "-o", tmp_path / "a.map.h5", option, cutoff)
+        assert result.code == 2
+        assert "(sampling: 4 spacings) to" in result.err
+        assert "mm (the part)" in result.err
+    assert list(tmp_path.iterdir()) == []

@@ -10,10 +10,15 @@ import pytest
 from matplotlib.image import imread
 from truth_maps import WINDOW, Quadric, aligned, form_error_mm, random_places
 
-from cmm_align.errors import UsageError
+from cmm_align.config import ErrorMapConfig
+from cmm_align.errors import GeometryError, UsageError
+from cmm_align.model import PointStatus, Spectrum
+from cmm_align.report.bands_picture import BAND_COLOURS, band_edges
 from cmm_align.report.canvas import WIDTH_IN
 from cmm_align.report.chart import with_limits
+from cmm_align.report.outliers_picture import MARKS
 from cmm_align.report.pictures import PICTURES, draw
+from cmm_align.report.relief_picture import at
 from cmm_align.report.section_lines import middle_lines, profile_along, section_line
 from cmm_align.report.wishes import Limits, Wishes
 from cmm_align.stages.error_map import error_map
@@ -25,10 +30,11 @@ BOX = Bounds(-51.0, 51.0, -31.0, 31.0)
 WISHES = Wishes("a $ <script> part", "part.align.h5", limits=Limits(-9.0, 9.0, "a tolerance"))
 
 
-def map_of(surface, n=1500, hole_mm=0.0):
+def map_of(surface, n=1500, hole_mm=0.0, spacing_mm=0.0):
     x, y = random_places(surface, n)
     keep = np.hypot(x - 5.0, y) >= hole_mm
-    return error_map(aligned(surface, form_error_mm, (x[keep], y[keep]), noise_mm=3e-4))
+    part = aligned(surface, form_error_mm, (x[keep], y[keep]), noise_mm=3e-4)
+    return error_map(part, ErrorMapConfig(spacing_mm=spacing_mm))
 
 
 @pytest.fixture(autouse=True)
@@ -42,11 +48,9 @@ def window():
 
 
 @pytest.mark.parametrize("name", PICTURES)
-def test_a_picture_is_the_same_bytes_each_time_in_both_formats(name, window, tmp_path):
-    draw(name, window, tmp_path / "a.png", WISHES)
+def test_an_svg_is_the_same_bytes_each_time_and_needs_no_font(name, window, tmp_path):
     for copy in ("a", "b"):
         draw(name, window, tmp_path / f"{copy}.svg", WISHES)
-    assert imread(tmp_path / "a.png").shape[1] == 50 * WIDTH_IN
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     text = (tmp_path / "a.svg").read_text(encoding="utf-8")
     assert ET.fromstring(text).get("width") == f"{72 * WIDTH_IN:g}pt"
@@ -55,10 +59,22 @@ def test_a_picture_is_the_same_bytes_each_time_in_both_formats(name, window, tmp
     assert "dc:date" not in text
 
 
+@pytest.fixture(scope="module")
+def narrow():
+    return map_of(NARROW, 800, spacing_mm=1.5)
+
+
 @pytest.mark.parametrize("name", PICTURES)
-@pytest.mark.parametrize("surface", [ROUND, NARROW], ids=["round", "narrow"])
-def test_a_picture_of_a_round_and_of_a_narrow_part(name, surface, tmp_path):
-    draw(name, map_of(surface, 500), tmp_path / "a.png", WISHES)
+def test_a_picture_of_a_narrow_part(name, narrow, tmp_path):
+    draw(name, narrow, tmp_path / "a.png", WISHES)
+    picture = imread(tmp_path / "a.png")
+    assert picture.shape[1] == 50 * WIDTH_IN
+    assert picture[..., :3].std() > 0.02
+
+
+@pytest.mark.parametrize("name", ["bands", "relief"])
+def test_a_picture_of_a_round_part(name, tmp_path):
+    draw(name, map_of(ROUND, 500), tmp_path / "a.png", WISHES)
     assert imread(tmp_path / "a.png")[..., :3].std() > 0.02
 
 
@@ -138,3 +154,41 @@ def test_limits_have_room_unless_they_are_far_away():
     assert with_limits(10.0, Limits(-5.0, 5.0)) == 10.0
     assert with_limits(10.0, Limits(-50.0, 50.0)) == 10.0
     assert Limits(-5.0, 7.5, "why").words == "limits \N{MINUS SIGN}5 to +7.5 µm (why)"
+
+
+def test_what_a_map_has_not_is_no_picture(window, tmp_path):
+    with pytest.raises(GeometryError, match="no tolerance"):
+        draw("bands", window, tmp_path / "a.png")
+    for spectrum, words in ((None, "older version"), (Spectrum(missing="too small"), "too small")):
+        with pytest.raises(GeometryError, match=words):
+            draw("psd", replace(window, spectrum=spectrum), tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bands_lie_about_the_middle_of_the_tolerance_and_are_light_within():
+    np.testing.assert_allclose(band_edges(Limits(-30.0, 50.0)), [-70.0, -30.0, -10.0, 30.0, 50.0, 90.0])
+    rgb = np.array([[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in BAND_COLOURS]) / 255.0
+    grey = rgb @ [0.299, 0.587, 0.114]
+    assert grey[2:5].min() > max(grey[[0, 1, 5, 6]]) + 0.15  # what is out is darker, in grey print too
+
+
+def test_nearer_parts_of_a_relief_lie_lower_on_the_sheet_and_heights_go_up():
+    origin, up = at(0.0, 0.0, 0.0), at(0.0, 0.0, 10.0)
+    assert up[0] == origin[0]
+    assert up[1] > origin[1]
+    assert at(10.0, 0.0, 0.0)[1] < origin[1] < at(0.0, 10.0, 0.0)[1]
+    assert at(10.0, 0.0, 0.0)[0] > origin[0]
+
+
+def test_every_status_has_its_own_mark_and_is_drawn(window, tmp_path):
+    assert set(MARKS) == set(PointStatus)
+    assert len({mark.marker for mark in MARKS.values()}) == len(PointStatus)
+    alignment = window.alignment
+    status = np.zeros(len(alignment.status), np.uint8)
+    places = np.array(alignment.contact_part_mm)
+    draw("outliers", window, tmp_path / "plain.png")
+    status[:12] = np.repeat([1, 2, 3, 4, 5, 0], 2)
+    places[0, 0] = 500.0  # far beside the part
+    marked = replace(alignment, status=status, contact_part_mm=places)
+    draw("outliers", replace(window, alignment=marked), tmp_path / "marked.png")
+    assert (tmp_path / "plain.png").read_bytes() != (tmp_path / "marked.png").read_bytes()
