@@ -40,11 +40,9 @@ def read(path: Path | str, units: str | None = None, face: int | None = None) ->
     UsageError
         If a face is asked for and there is none.
     """
-    journal = _recorded(path)
-    if journal is not None:
-        return journal
     if not _is_hdf5(path):
-        return formats.read_nominal_source(path, units, face)
+        journal = _recorded(path)
+        return formats.read_nominal_source(path, units, face) if journal is None else journal
     _refuse_face(path, face)
     if io.schema_of(path) is None:
         return io.read_points_hdf5(path, units)
@@ -71,14 +69,12 @@ def read_measured(
     InputError
         If the file is missing, malformed, or in another unit.
     """
-    journal = _recorded(path)
-    if journal is not None:
-        points = journal
-    elif _is_hdf5(path):
+    if _is_hdf5(path):
         _refuse_hints(path, hints)
         points = io.read_points_hdf5(path, units)
     else:
-        points = formats.read_points(path, units, hints)
+        journal = _recorded(path)
+        points = formats.read_points(path, units, hints) if journal is None else journal
     if points.kind in {PointKind.NOMINAL, PointKind.COMMANDED}:
         raise WrongStageError(
             f"these are {points.kind.value} points, not measured ones",

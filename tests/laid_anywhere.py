@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Placement
 from cmm_align.numerics.pose_search import search
-from cmm_align.numerics.rigid_fit import FitSettings
 from cmm_align.pose import Pose
 from cmm_align.surfaces.distance import facet_measure, light_net
 from cmm_align.surfaces.prescription import prescription_from_toml

@@ -17,11 +17,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 STEP_TOLERANCE: Final = 1e-5
-"""A Newton step below this share of the local radius of curvature ends the iteration: what is left is
-its square, and the distance feels only the fourth power."""
-
-ROUGH_TOLERANCE: Final = 3e-4
-"""The same for distances that will be measured again from the feet found: good to some 1e-9 mm."""
+"""A Newton step below this share of the local radius of curvature ends the iteration: the foot is then off by
+its square, of which the distance feels the square, and the height by its cube."""
 
 MAX_STEPS: Final = 30
 
@@ -75,6 +72,13 @@ class Feet(NamedTuple):
     """Signed distance along the normal, positive on the probe's side, shape (n,), mm."""
     normal: Array
     """Unit normal at the foot towards the probe, shape (n, 3)."""
+    bend: Array | None = None
+    """Second derivatives zxx, zxy, zyy of the surface there, shape (n, 3), 1/mm; None for facets."""
+
+    def of(self, pick: slice | NDArray[np.intp] | Mask) -> Feet:
+        """Return the feet of some of the points: a slice, indices of shape (k,) or a mask of shape (n,)."""
+        x, y, distance, normal = (whole[pick] for whole in self[:4])
+        return Feet(x, y, distance, normal, None if self.bend is None else self.bend[pick])
 
 
 def foot_points(
@@ -100,7 +104,7 @@ def foot_points(
     limits : tuple of float
         Feet are held inside; those that end on the limits are no foot points.
     tolerance : float
-        `STEP_TOLERANCE` or `ROUGH_TOLERANCE`.
+        See `STEP_TOLERANCE`.
 
     Returns
     -------
@@ -126,8 +130,7 @@ def foot_points(
         again, reach = _newton_step(
             jet, side, points_mm[open_], feet.x_mm[open_], feet.y_mm[open_], limits, longest
         )
-        for whole, part in zip(feet, again, strict=True):
-            whole[open_] = part
+        put(feet, open_, again)
         open_ = open_[reach > tolerance]
     return feet
 
@@ -191,7 +194,56 @@ def _feet_by_taylor(
         + (points_mm[:, 1] - y) * normal[:, 1]
         + (points_mm[:, 2] - z) * scale
     )
-    return Feet(x, y, distance, normal)
+    return Feet(x, y, distance, normal, np.stack([j.zxx, j.zxy, j.zyy], axis=1))
+
+
+def put(feet: Feet, pick: slice | NDArray[np.intp], part: Feet) -> None:
+    """Write the feet of some of the points, shape (k,), over those of all, in place."""
+    for whole, piece in zip(feet, part, strict=True):
+        if whole is not None:
+            whole[pick] = piece
+
+
+def shifted_feet(side: int, radius_mm: float, feet: Feet, shift_mm: Array) -> Feet:
+    """Return where feet go when their points move a little, without looking at the surface again.
+
+    Parameters
+    ----------
+    side : int
+        As for `foot_points`.
+    radius_mm : float
+        What was taken off the distances of `feet`, mm.
+    feet : Feet
+        With their `bend`, shape (n,).
+    shift_mm : ndarray, shape (n, 3), mm
+        How each point moves.
+
+    Returns
+    -------
+    Feet
+        The foot moves by Newton's formula, the normal turns with the slopes there, and as the gradient of the
+        distance is the normal, ``d' = d + (n + n') . s / 2``: exact to second order, off by ``s^3`` over the
+        square of the radius of curvature (tested).
+    """
+    bend = feet.bend
+    if bend is None:
+        raise ValueError("facets do not bend")
+    nz = feet.normal[:, 2]
+    zx, zy = -feet.normal[:, 0] / nz, -feet.normal[:, 1] / nz
+    down = -(feet.distance_mm + radius_mm) * nz
+    hxx = 1.0 + zx * zx + down * bend[:, 0]
+    hxy = zx * zy + down * bend[:, 1]
+    hyy = 1.0 + zy * zy + down * bend[:, 2]
+    sx, sy, sz = shift_mm[:, 0], shift_mm[:, 1], shift_mm[:, 2]
+    gx, gy = sx + zx * sz, sy + zy * sz
+    det = hxx * hyy - hxy * hxy
+    dx, dy = (hyy * gx - hxy * gy) / det, (hxx * gy - hxy * gx) / det
+    zx = zx + bend[:, 0] * dx + bend[:, 1] * dy
+    zy = zy + bend[:, 1] * dx + bend[:, 2] * dy
+    scale = side / np.sqrt(1.0 + zx * zx + zy * zy)
+    normal = np.stack([-zx * scale, -zy * scale, scale], axis=1)
+    between = np.einsum("ij,ij->i", feet.normal + normal, shift_mm)
+    return Feet(feet.x_mm + dx, feet.y_mm + dy, feet.distance_mm + 0.5 * between, normal, bend)
 
 
 def distance_hessian(jet: JetFunction, side: int, points_mm: Array, feet: Feet) -> Array:
@@ -224,77 +276,3 @@ def distance_hessian(jet: JetFunction, side: int, points_mm: Array, feet: Feet) 
     normal_from_foot *= (side / np.sqrt(squared))[:, None, None]
     result: Array = normal_from_foot @ foot_from_point
     return result
-
-
-class SeedTable(NamedTuple):
-    """Feet below the nodes of a coarse net on an offset surface, to start from."""
-
-    x0_mm: float
-    y0_mm: float
-    pitch_x_mm: float
-    pitch_y_mm: float
-    foot_x_mm: Array
-    """Shape (ny, nx), mm."""
-    foot_y_mm: Array
-
-
-def seed_table(jet: JetFunction, side: int, radius_mm: float, limits: Limits, nodes: int = 128) -> SeedTable:
-    """Tabulate where the ball touches when its centre stands above (X, Y).
-
-    Parameters
-    ----------
-    jet, side, limits
-        As for `foot_points`.
-    radius_mm : float
-        Offset of the surface that the centres lie on, mm.
-    nodes : int
-        Nodes along each axis.
-
-    Notes
-    -----
-    Solves ``u + r n_xy(u) = (X, Y)`` by fixed-point iteration, a contraction where the offset surface is
-    regular. Read bilinearly, the table is good to some 1e-5 mm, which saves one evaluation a point.
-    """
-    x_min, x_max, y_min, y_max = limits
-    xs = np.linspace(x_min - radius_mm, x_max + radius_mm, nodes)
-    ys = np.linspace(y_min - radius_mm, y_max + radius_mm, nodes)
-    px, py = (a.ravel() for a in np.meshgrid(xs, ys))
-    x, y = np.clip(px, x_min, x_max), np.clip(py, y_min, y_max)
-    with np.errstate(invalid="ignore"):
-        for _ in range(6):
-            j = jet(x, y)
-            scale = side * radius_mm / np.sqrt(1.0 + j.zx**2 + j.zy**2)
-            x = np.clip(np.where(np.isfinite(scale), px + j.zx * scale, px), x_min, x_max)
-            y = np.clip(np.where(np.isfinite(scale), py + j.zy * scale, py), y_min, y_max)
-    shape = (nodes, nodes)
-    return SeedTable(
-        float(xs[0]),
-        float(ys[0]),
-        float(xs[1] - xs[0]),
-        float(ys[1] - ys[0]),
-        x.reshape(shape),
-        y.reshape(shape),
-    )
-
-
-def seeds(table: SeedTable, x_mm: Array, y_mm: Array) -> tuple[Array, Array]:
-    """Read the table bilinearly at places of shape (n,), mm; clamped at its border."""
-    ny, nx = table.foot_x_mm.shape
-    u = np.clip((x_mm - table.x0_mm) / table.pitch_x_mm, 0.0, nx - 1.000001)
-    v = np.clip((y_mm - table.y0_mm) / table.pitch_y_mm, 0.0, ny - 1.000001)
-    iu, iv = u.astype(np.intp), v.astype(np.intp)
-    fu, fv = u - iu, v - iv
-    k = iv * nx + iu
-    w00, w10, w01, w11 = (1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv
-
-    def read(values: Array) -> Array:
-        flat = values.ravel()
-        result: Array = (
-            flat.take(k) * w00
-            + flat.take(k + 1) * w10
-            + flat.take(k + nx) * w01
-            + flat.take(k + nx + 1) * w11
-        )
-        return result
-
-    return read(table.foot_x_mm), read(table.foot_y_mm)

@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.fit_steps import stepped
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import Measure, Placement, evaluate, moved, rows_of
-from cmm_align.numerics.rigid_fit import stepped
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

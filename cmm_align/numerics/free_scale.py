@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.chunked import in_threads
-from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import moved, rows_of, total_weight
 from cmm_align.numerics.rigid_fit import FitResult
 from cmm_align.numerics.steering import DatumTerms, Placement, Steering, datum_rows
@@ -55,7 +54,7 @@ def scale_look(points_mm: Array, result: FitResult, length_mm: float, steering: 
 
     def work(part: slice) -> Array:
         p = moved(points_mm[part], placement)
-        feet = Feet(*(a[part] for a in now.feet))
+        feet = now.feet.of(part)
         rows = np.empty((9, len(p)))
         rows[:7] = rows_of(p, placement, feet, length_mm)
         rows[7] = rows[6]

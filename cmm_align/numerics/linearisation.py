@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.chunked import in_threads
-from cmm_align.numerics.foot_point import Feet
+from cmm_align.numerics.foot_point import Feet, put
 from cmm_align.numerics.steering import FREELY, Steering, datum_rows
 from cmm_align.numerics.steering import Placement as Placement  # noqa: PLC0414 - also from here
 
@@ -31,10 +31,13 @@ class Measure(NamedTuple):
     """How far points lie from a surface."""
 
     distance: Callable[[Array, Feet | None], tuple[Feet, Mask]]
-    """Distance of moved points (a chunk, frame `surface`), and which lie on it; exact from their last feet,
-    rough (1e-9 mm) without."""
+    """Distance of moved points (a chunk, frame `surface`), and which lie on it; quicker from their last
+    feet."""
     hessian: Callable[[Array, Feet], Array] | None = None
     """Second derivatives of the distance with respect to the point, shape (n, 3, 3); None for facets."""
+    shifted: Callable[[Feet, Array], tuple[Feet, Mask]] | None = None
+    """The same from the last feet and short movements of their points, shape (n, 3), to second order, without
+    looking at the surface again; None for facets."""
 
 
 class Evaluation(NamedTuple):
@@ -100,18 +103,67 @@ def evaluate(
     steering : Steering
         Weights and datum terms.
     """
+
+    def look(part: slice, p: Array) -> tuple[Feet, Mask]:
+        return measure.distance(p, None if previous is None else previous.of(part))
+
+    return _summed(look, measure, points_mm, placement, length_mm, used, steering)
+
+
+def carried(
+    measure: Measure,
+    points_mm: Array,
+    before: Placement,
+    after: Placement,
+    now: Evaluation,
+    length_mm: float,
+    steering: Steering = FREELY,
+) -> Evaluation:
+    """Carry an evaluation on to a placement nearby, to second order, without looking at the surface again.
+
+    Parameters
+    ----------
+    measure : Measure
+        With `shifted`.
+    points_mm : ndarray, shape (n, 3), mm
+        Measured points about their centroid.
+    length_mm, steering
+        As for `evaluate`.
+    before, after : Placement
+        Of `now`, and the new one.
+    now : Evaluation
+        The same points count afterwards.
+    """
+    shifted = measure.shifted
+    if shifted is None:
+        raise ValueError("this measure cannot be carried on")
+
+    def look(part: slice, p: Array) -> tuple[Feet, Mask]:
+        return shifted(now.feet.of(part), p - moved(points_mm[part], before))
+
+    return _summed(look, measure, points_mm, after, length_mm, now.used, steering)
+
+
+def _summed(
+    look: Callable[[slice, Array], tuple[Feet, Mask]],
+    measure: Measure,
+    points_mm: Array,
+    placement: Placement,
+    length_mm: float,
+    used: Mask | None,
+    steering: Steering,
+) -> Evaluation:
+    """Look at all points, chunk by chunk, and sum the normal equations."""
     n = len(points_mm)
     weights = steering.weights
-    feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)))
+    bend = None if measure.shifted is None else np.empty((n, 3))
+    feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)), bend)
     inside, counted = np.empty(n, dtype=bool), np.empty(n, dtype=bool)
 
     def work(part: slice) -> Array:
         p = moved(points_mm[part], placement)
-        found, on_surface = measure.distance(
-            p, None if previous is None else Feet(*(a[part] for a in previous))
-        )
-        for whole, piece in zip(feet, found, strict=True):
-            whole[part] = piece
+        found, on_surface = look(part, p)
+        put(feet, part, found)
         inside[part] = on_surface
         counts = (on_surface if used is None else used[part]) & np.isfinite(found.distance_mm)
         counted[part] = counts
@@ -173,7 +225,7 @@ def curvature_term(
     pick = pick[even_sample(len(pick), _CURVATURE_SAMPLE)]
     if len(pick) == 0:
         return np.zeros((6, 6))
-    feet = Feet(*(a[pick] for a in now.feet))
+    feet = now.feet.of(pick)
     p = moved(points_mm[pick], placement)
     arm = p - placement.position_mm
     motion = np.zeros((len(pick), 3, 6))  # how the point moves: w x arm / length + t

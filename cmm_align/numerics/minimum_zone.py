@@ -30,9 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.errors import InputError
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import Evaluation, Measure, Placement
-from cmm_align.numerics.rigid_fit import FitSettings
 from cmm_align.numerics.zone_faces import is_hard
 from cmm_align.numerics.zone_newton import weighted_curvature
 from cmm_align.numerics.zone_search import Found, Search

@@ -10,10 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Evaluation, Measure, evaluate
 from cmm_align.numerics.observability import spectrum
 from cmm_align.numerics.pose_starts import ALIKE, Frame, principal_frame
-from cmm_align.numerics.rigid_fit import FitSettings, Look
+from cmm_align.numerics.rigid_fit import Look
 from cmm_align.numerics.steering import Placement
 
 Array = NDArray[np.float64]

@@ -24,6 +24,8 @@ _AFTER: Final = 1e-6
 """Weight of translations beside rotations when a free motion is held."""
 _NEWTON_FLOOR: Final = 0.1
 """Newton's matrix must keep this share of ``J^T J`` in every motion to be trusted."""
+_TIE: Final = 1e-9
+"""Relative difference that may be rounding."""
 
 
 class Spectrum(NamedTuple):
@@ -190,3 +192,21 @@ def _direction(vector: Array) -> str:
 def _place(point_mm: Array) -> str:
     """Write a place with a sensible number of digits."""
     return ", ".join(f"{float(value) + 0.0:.3f}" for value in np.round(point_mm, 3))
+
+
+def lined_up(basis: Array) -> Array:
+    """Turn orthonormal motions, shape (6, k), so that each holds as much of one axis as it can."""
+    rest, turned = basis.T.copy(), []
+    for _ in range(basis.shape[1]):
+        reach = np.linalg.norm(rest, axis=0)
+        first = first_of_most(reach)
+        unit = rest[:, first] / reach[first]
+        turned.append(unit)
+        rest -= np.outer(unit, unit @ rest)
+    result: Array = basis @ np.column_stack(turned) if turned else basis
+    return result
+
+
+def first_of_most(values: Array) -> int:
+    """Return where values, shape (n,), none negative, are largest; of ties the first, not a chance one."""
+    return int(np.argmax(values >= (1.0 - _TIE) * values.max()))

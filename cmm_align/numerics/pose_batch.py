@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.chunked import CHUNK
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Measure
 from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.pose_starts import Starts
-from cmm_align.numerics.rigid_fit import FitSettings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

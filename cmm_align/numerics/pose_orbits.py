@@ -11,10 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Measure, Placement, evaluate, moved
 from cmm_align.numerics.observability import Spectrum, free_part, spectrum
 from cmm_align.numerics.pose_batch import scores
-from cmm_align.numerics.rigid_fit import FitSettings, without_free_drift
+from cmm_align.numerics.rigid_fit import without_free_drift
 from cmm_align.numerics.rotations import left_jacobian, rotation_from_vector, vector_from_rotation
 
 Array = NDArray[np.float64]

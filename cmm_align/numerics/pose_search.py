@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Evaluation, Measure, Placement, evaluate, moved
 from cmm_align.numerics.observability import Spectrum, spectrum
 from cmm_align.numerics.outliers import MAD_SIGMA
@@ -21,7 +22,7 @@ from cmm_align.numerics.pose_batch import Settled, fixed_order, scores, settle
 from cmm_align.numerics.pose_evidence import equal_factor, independent_number, tie_factor
 from cmm_align.numerics.pose_orbits import ALIKE, NEAR, held_near, same_place
 from cmm_align.numerics.pose_starts import Starts, first_guesses
-from cmm_align.numerics.rigid_fit import FitSettings, fit
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.numerics.rotations import vector_from_rotation
 
 Array = NDArray[np.float64]

@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Evaluation, Measure, Placement, moved
 from cmm_align.numerics.pose_batch import fixed_order, settle
 from cmm_align.numerics.pose_evidence import tie_factor
 from cmm_align.numerics.pose_orbits import same_place, spectrum_at
 from cmm_align.numerics.pose_search import ORBIT_OBSERVABILITY, Candidate, search
 from cmm_align.numerics.pose_starts import first_guesses
-from cmm_align.numerics.rigid_fit import FitSettings
 
 Array = NDArray[np.float64]
 

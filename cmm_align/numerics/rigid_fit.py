@@ -8,13 +8,20 @@ where the surface is smooth, so that the steps converge quadratically although f
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.numerics.chunked import in_threads
+from cmm_align.numerics.fit_steps import (
+    LINEAR,
+    ROUNDING,
+    FitSettings,
+    clamped,
+    downhill,
+    last_step,
+    movement_of,
+)
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import (
     Evaluation,
@@ -25,44 +32,23 @@ from cmm_align.numerics.linearisation import (
     rows_of,
     total_weight,
 )
-from cmm_align.numerics.observability import Spectrum, free_part, solve_observable, spectrum
+from cmm_align.numerics.observability import Spectrum, free_part, spectrum
 from cmm_align.numerics.rotations import (
     left_jacobian,
-    orthonormalised,
     rotation_from_vector,
     vector_from_rotation,
 )
-from cmm_align.numerics.steering import FREELY, Placement, Steering, allowed_motions, datum_rows, held
+from cmm_align.numerics.steering import FREELY, Placement, Steering, allowed_motions, held
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_MAX_HALVINGS: Final = 8
-_LINEAR: Final = 1e-15
-"""A step whose square over the size is this share of the size changes distances linearly, in rounding."""
 _ULPS: Final = 4.0 * float(np.finfo(np.float64).eps)
 _RECOUNT: Final = (1e-6, 1e-3)
 """Which points count is decided anew only after steps of this share of the size: after larger ones a
 cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays."""
 _OF_SIGMA: Final = 0.03
 """After a sample, an error this small beside the standard uncertainty of the pose is no error."""
-_ROUNDING: Final = 64.0 * float(np.finfo(np.float64).eps)
-"""Residuals below this share of the part's size are rounding: nothing is left to gain."""
-
-
-@dataclass(frozen=True, slots=True)
-class FitSettings:
-    """What ends a fit and what keeps it safe; all dimensionless but the size."""
-
-    size_mm: float
-    """Size of the part, mm: the measure of all movements."""
-    length_mm: float
-    """Rms radius of the points about their centroid, mm."""
-    tolerance: float
-    """Stop if the next step moves no point by more than this share of the size."""
-    max_iterations: int
-    max_rotation_rad: float
-    min_observability: float
 
 
 class Look(NamedTuple):
@@ -154,24 +140,24 @@ def fit(
     while True:
         if curvature is None and measure.hessian is not None:
             bend = curvature_term(measure.hessian, points_mm, placement, now, length, steering.weights)
-        step = _clamped(spectral, now, settings, bend, locked=steering.lock is not None)
-        movement = _movement(step, settings)
+        step = clamped(spectral, now, settings, bend, locked=steering.lock is not None)
+        movement = movement_of(step, settings)
         tolerance = settings.tolerance * settings.size_mm
         # After a sample, what is far below the uncertainty of the pose is no error either.
         slack = 0.0 if curvature is None else _OF_SIGMA * _sigma_mm(now, spectral)
-        linear = movement**2 / settings.size_mm <= max(_LINEAR * settings.size_mm, slack)
+        linear = movement**2 / settings.size_mm <= max(LINEAR * settings.size_mm, slack)
         ends = linear and movement**2 / last_movement <= max(tolerance, slack)
         rest, may_step = _at_rest(movement, now, settings), 0 < iterations < settings.max_iterations
         if rest or (ends and may_step):
             if may_step and (not rest or _is_all_that_is_left(movement, now, settings)):
-                placement, now = _last_step(points_mm, placement, step, now, length, steering)
+                placement, now = last_step(points_mm, placement, step, now, length, steering)
                 iterations += 1
                 looks.append(_look(movement, now))
             reason, converged = rest or "next step below tolerance", True
             break
         if iterations >= settings.max_iterations:
             break
-        trial, there = _downhill(measure, points_mm, placement, step, now, settings, steering)
+        trial, there = downhill(measure, points_mm, placement, step, now, settings, steering)
         if there is None:
             # A step this small that gains nothing is the optimum seen through rounding.
             converged = movement <= np.sqrt(settings.tolerance) * settings.size_mm
@@ -183,9 +169,6 @@ def fit(
         iterations += 1
         looks.append(_look(movement, now))
         spectral = _spectrum(placement, now, settings, steering)
-    if iterations == 0:  # the first look is rough where it starts from nothing
-        feet, used = now.feet, now.used
-        now = evaluate(measure, points_mm, placement, length, previous=feet, used=used, steering=steering)
     return FitResult(placement, now, spectral, iterations, reason, converged, tuple(looks), bend)
 
 
@@ -199,13 +182,13 @@ def _at_rest(movement: float, now: Evaluation, settings: FitSettings) -> str:
     """Say why no further step needs measuring; nothing if one does."""
     if movement <= settings.tolerance * settings.size_mm:
         return "step below tolerance"
-    return "residual at rounding" if now.cost_mm2 <= (_ROUNDING * settings.size_mm) ** 2 else ""
+    return "residual at rounding" if now.cost_mm2 <= (ROUNDING * settings.size_mm) ** 2 else ""
 
 
 def _is_all_that_is_left(movement: float, now: Evaluation, settings: FitSettings) -> bool:
     """Return whether the residual is no more than a short step explains: noise-free points, nearly home."""
     size, rms = settings.size_mm, float(np.sqrt(now.cost_mm2))
-    return _ULPS * size < rms <= movement <= float(np.sqrt(_LINEAR)) * size
+    return _ULPS * size < rms <= movement <= float(np.sqrt(LINEAR)) * size
 
 
 def _look(movement: float, now: Evaluation) -> Look:
@@ -258,7 +241,7 @@ def _recounted(
     before, after = total_weight(now.used, weights), total_weight(chosen, weights)
     total = np.zeros((7, 7))
     total[:6, :6], total[:6, 6], total[6, 6] = now.normal_matrix, now.gradient, now.cost_mm2
-    feet = Feet(*(a[changed] for a in now.feet))
+    feet = now.feet.of(changed)
     rows = rows_of(moved(points_mm[changed], placement), placement, feet, length_mm)
     rows = np.where(np.isfinite(rows), rows, 0.0)
     sign = np.where(chosen[changed], 1.0, -1.0)
@@ -273,57 +256,6 @@ def _recounted(
         gradient=total[:6, 6],
         cost_mm2=float(total[6, 6]),
     )
-
-
-def _last_step(
-    points_mm: Array,
-    placement: Placement,
-    step: Array,
-    now: Evaluation,
-    length_mm: float,
-    steering: Steering,
-) -> tuple[Placement, Evaluation]:
-    """Take a step so small that distances change linearly, without measuring again."""
-    after = held(steering.lock, stepped(placement, step, length_mm))
-    distance = np.empty(len(points_mm))
-
-    def work(part: slice) -> None:
-        shift = moved(points_mm[part], after) - moved(points_mm[part], placement)
-        distance[part] = now.feet.distance_mm[part] + np.einsum("ij,ij->i", now.feet.normal[part], shift)
-
-    in_threads(work, len(points_mm))
-    squares = distance[now.used] ** 2
-    if steering.weights is not None:
-        squares *= steering.weights[now.used]
-    cost = float(np.sum(squares))
-    if steering.datum is not None:
-        cost += float(steering.datum.weights @ datum_rows(steering.datum, after, length_mm)[6] ** 2)
-    cost /= total_weight(now.used, steering.weights)
-    return after, now._replace(feet=now.feet._replace(distance_mm=distance), cost_mm2=cost)
-
-
-def _clamped(
-    spectral: Spectrum, now: Evaluation, settings: FitSettings, curvature: Array | None, *, locked: bool
-) -> Array:
-    """Return the step (w length, t), with the rotation clamped and the translation solved anew.
-
-    With locked motions the whole step is shortened instead, so that it stays among those that are left.
-    """
-    step = solve_observable(spectral, now.gradient, curvature)
-    angle = float(np.linalg.norm(step[:3])) / settings.length_mm
-    if angle > settings.max_rotation_rad and locked:
-        step *= settings.max_rotation_rad / angle
-    elif angle > settings.max_rotation_rad:
-        step[:3] *= settings.max_rotation_rad / angle
-        pull = now.gradient[3:] + now.normal_matrix[3:, :3] @ step[:3]
-        step[3:] = -np.linalg.lstsq(now.normal_matrix[3:, 3:], pull, rcond=1e-6)[0]
-    return step
-
-
-def _movement(step: Array, settings: FitSettings) -> float:
-    """Return the most that the step moves a point, mm."""
-    angle = float(np.linalg.norm(step[:3])) / settings.length_mm
-    return angle * settings.size_mm + float(np.linalg.norm(step[3:]))
 
 
 def without_free_drift(
@@ -355,46 +287,3 @@ def without_free_drift(
         rotation_from_vector(turn) @ end.rotation, end.position_mm - left_jacobian(turn) @ back[3:]
     )
     return placement, float(np.linalg.norm(back))
-
-
-def stepped(placement: Placement, step: Array, length_mm: float) -> Placement:
-    """Return the placement after a small motion (w length, t) about the centroid.
-
-    Parameters
-    ----------
-    placement : Placement
-    step : ndarray, shape (6,), mm
-        Rotation vector times `length_mm`, then translation.
-    length_mm : float
-        Scale of the rotation, mm.
-    """
-    turned = rotation_from_vector(step[:3] / length_mm) @ placement.rotation
-    return Placement(orthonormalised(turned), placement.position_mm + step[3:])
-
-
-def _downhill(
-    measure: Measure,
-    points_mm: Array,
-    placement: Placement,
-    step: Array,
-    now: Evaluation,
-    settings: FitSettings,
-    steering: Steering,
-) -> tuple[Placement, Evaluation | None]:
-    """Take the step, or the largest half, quarter ... of it that does not raise the cost."""
-    share = 1.0
-    for _ in range(_MAX_HALVINGS):
-        trial = held(steering.lock, stepped(placement, share * step, settings.length_mm))
-        there = evaluate(
-            measure,
-            points_mm,
-            trial,
-            settings.length_mm,
-            previous=now.feet,
-            used=now.used,
-            steering=steering,
-        )
-        if there.cost_mm2 <= now.cost_mm2 * (1.0 + 1e-12) + (_ROUNDING * settings.size_mm) ** 2:
-            return trial, there
-        share *= 0.5
-    return placement, None

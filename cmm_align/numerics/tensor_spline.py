@@ -46,10 +46,11 @@ def basis(t: Array, degree: int, *, derivatives: bool = True) -> Array:
     ndarray, shape (3, degree + 1, n)
         Values, first and second derivatives.
     """
-    result = np.zeros((3, degree + 1, len(t)))
     if degree == 3:
+        result = np.empty((3, 4, len(t)))
         _cubic(t, result)
         return result
+    result = np.zeros((3, degree + 1, len(t)))
     low = np.ones((1, len(t)))
     for q in range(1, degree + 1):  # Cox - de Boor on uniform knots
         high = np.zeros((q + 1, len(t)))

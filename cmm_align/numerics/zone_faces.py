@@ -146,7 +146,7 @@ def face_rows(points_mm: Array, at: Look, picked: Indices, length_mm: float) -> 
     """
     n = len(points_mm)
     index = picked % n
-    feet = Feet(*(a[index] for a in at.evaluation.feet))
+    feet = at.evaluation.feet.of(index)
     rows = rows_of(moved(points_mm[index], at.placement), at.placement, feet, length_mm)[:6].T
     result: Array = rows * np.where(picked < n, 1.0, -1.0)[:, None]
     return result

@@ -11,7 +11,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import Measure, curvature_term
 from cmm_align.numerics.zone_faces import Faces, Look, face_rows, is_hard, worst_by_cell
 
@@ -56,7 +55,7 @@ def weighted_curvature(
     index = picked % n
     # `curvature_term` is the mean of distance times second derivative: here the weights stand for distances.
     weight = multipliers * np.where(picked < n, 1.0, -1.0) * len(picked)
-    feet = Feet(*(a[index] for a in at.evaluation.feet))._replace(distance_mm=weight)
+    feet = at.evaluation.feet.of(index)._replace(distance_mm=weight)
     everyone = np.ones(len(picked), dtype=bool)
     few = at.evaluation._replace(feet=feet, inside=everyone, used=everyone)
     return curvature_term(measure.hessian, points_mm[index], at.placement, few, length_mm)

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.errors import InputError, NumericsError
+from cmm_align.numerics.fit_steps import FitSettings, stepped
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import Evaluation, Measure, Placement, evaluate
 from cmm_align.numerics.observability import spectrum
-from cmm_align.numerics.rigid_fit import FitSettings, stepped
 from cmm_align.numerics.zone_faces import Faces, Look, cells_of, look, worst_by_cell
 from cmm_align.numerics.zone_newton import Proof, levelled, newton_step, proof
 from cmm_align.numerics.zone_programme import Step, linear_step
@@ -137,7 +137,7 @@ class Search:
             motions=best.basis,
         )
         start = stepped(best.at.placement, motion, self.settings.length_mm)
-        feet = Feet(*(a[few] for a in best.at.evaluation.feet))
+        feet = best.at.evaluation.feet.of(few)
         found = some._descended(start, np.ones(len(few), dtype=bool), feet)
         lower = best.at.merit(best.penalty) - found.at.merit(best.penalty) > _LOWER * best.scale_mm
         return found.at.placement if lower else None

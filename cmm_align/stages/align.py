@@ -33,8 +33,8 @@ from cmm_align.model import (
     PointStatus,
     frozen_array,
 )
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Measure, even_sample
-from cmm_align.numerics.rigid_fit import FitSettings
 from cmm_align.numerics.steering import Placement, Steering
 from cmm_align.numerics.triangle_net import triangle_net
 from cmm_align.pose import Pose
@@ -65,6 +65,7 @@ from cmm_align.stages.reference_methods import reference_pose
 from cmm_align.stages.selection import Selection, status_of
 from cmm_align.stages.way import find_the_way
 from cmm_align.surfaces.distance import facet_measure, smooth_measure
+from cmm_align.surfaces.envelope import inside_raster
 from cmm_align.surfaces.protocol import Array
 from cmm_align.surfaces.region import Region, region_from_text
 from cmm_align.units import NM_PER_MM, RAD_PER_DEG, UM_PER_MM
@@ -164,7 +165,8 @@ def align(
         lock,
     )
     tell("refining", 0.2)
-    rule = Selection(nominal, cloud.radius_mm, config.edge_proud_um / UM_PER_MM, regions.fit)
+    raster = inside_raster(nominal.surface) if cloud.radius_mm > 0.0 else None
+    rule = Selection(nominal, cloud.radius_mm, config.edge_proud_um / UM_PER_MM, regions.fit, raster=raster)
     fitted = best_fit(
         cloud, few, Way(way_start, way), rule, config, nominal=nominal, fiducials=fiducials, tell=tell
     )

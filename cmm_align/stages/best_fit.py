@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from cmm_align.config import AlignConfig
 from cmm_align.errors import NumericsError
 from cmm_align.model import MIN_POINTS, Fiducials, FitStep, FreeScale, Nominal
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.free_scale import scale_look
 from cmm_align.numerics.linearisation import Evaluation, Measure, evaluate
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, joined
+from cmm_align.numerics.rigid_fit import FitResult, fit, joined
 from cmm_align.numerics.steering import AXES, Placement, Steering
 from cmm_align.stages.constraints import datum_terms
 from cmm_align.stages.selection import Selection

@@ -34,10 +34,11 @@ from numpy.typing import NDArray
 from cmm_align.errors import GeometryError
 from cmm_align.model import MIN_POINTS, Alignment, FitReport
 from cmm_align.model.bidirectional import Bidirectional
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import Measure, Placement, even_sample, rows_of
 from cmm_align.numerics.observability import solve_observable, spectrum
-from cmm_align.numerics.rigid_fit import FitSettings, fit
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.numerics.rotations import vector_from_rotation
 from cmm_align.numerics.triangle_net import TriangleNet, facet_distance, locate, triangle_net
 from cmm_align.stages.deviation_statistics import deviation_statistics

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from cmm_align.config import AlignConfig
 from cmm_align.errors import GeometryError, NumericsError, WrongStageError
 from cmm_align.model import Fiducials, Nominal, PointKind, PointSet, PointStatus
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.free_offset import free_offset
 from cmm_align.numerics.linearisation import Measure
 from cmm_align.numerics.observability import spectrum
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings
+from cmm_align.numerics.rigid_fit import FitResult
 from cmm_align.pose import Pose
 from cmm_align.stages.fit_doctor import diagnose, explain_failure
 from cmm_align.surfaces.geometry import unit_normal

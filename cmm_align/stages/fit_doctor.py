@@ -20,11 +20,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cmm_align.model import Nominal
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.free_offset import FreeOffset, free_offset, leverage_of
 from cmm_align.numerics.linearisation import Measure, Placement, moved, rows_of
 from cmm_align.numerics.outliers import MAD_SIGMA
-from cmm_align.numerics.rigid_fit import FitSettings, fit
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.numerics.rotations import vector_from_rotation
 from cmm_align.pose import Pose
 from cmm_align.stages.findings import Diagnosis, Evidence, Finding

@@ -15,8 +15,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cmm_align.model import Nominal
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Measure, Placement, evaluate
-from cmm_align.numerics.rigid_fit import FitSettings, fit
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.numerics.rotations import vector_from_rotation
 from cmm_align.pose import Pose
 from cmm_align.stages.findings import Evidence, Finding

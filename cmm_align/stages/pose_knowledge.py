@@ -18,7 +18,13 @@ from cmm_align.config import OffsetConfig
 from cmm_align.model import Nominal
 from cmm_align.model.pose_knowledge import Correlation, HelpfulPlace, PoseKnowledge, WeakMotion
 from cmm_align.numerics.helpful_points import Sums, helpful_places, told_elsewhere
-from cmm_align.numerics.observability import Spectrum, free_motions_in_words, uncertain_axes
+from cmm_align.numerics.observability import (
+    Spectrum,
+    first_of_most,
+    free_motions_in_words,
+    lined_up,
+    uncertain_axes,
+)
 from cmm_align.surfaces.envelope import edge_band_mm
 from cmm_align.surfaces.geometry import principal_curvatures, unit_normal
 from cmm_align.surfaces.protocol import Array
@@ -268,7 +274,7 @@ def _observable(spectral: Spectrum) -> tuple[Array, int]:
     values, best = spectral.values, spectral.values.max(initial=0.0)
     weak = np.flatnonzero(~spectral.free & (values * WEAK**2 < best))
     breaks = np.flatnonzero(values[weak][1:] > ALIKE**2 * values[weak][:-1]) + 1
-    groups = [_lined_up(spectral.motions[:, group]) for group in np.split(weak, breaks)]
+    groups = [lined_up(spectral.motions[:, group]) for group in np.split(weak, breaks)]
     strong = spectral.motions[:, ~spectral.free & (values * WEAK**2 >= best)]
     return np.hstack([*groups, strong]), len(weak)
 
@@ -285,18 +291,6 @@ def _weak(known: _Known, border: Spots, motion: Array) -> WeakMotion:
         sigma_urad=sigma * turn * URAD_PER_RAD,
         times_worse=float(np.sqrt(values[-1] / own)),
     )
-
-
-def _lined_up(basis: Array) -> Array:
-    """Turn orthonormal motions, shape (6, k), so that each holds as much of one axis as it can."""
-    rest, turned = basis.T.copy(), []
-    for _ in range(basis.shape[1]):
-        reach = np.linalg.norm(rest, axis=0)
-        unit = rest[:, int(np.argmax(reach))] / reach.max()
-        turned.append(unit)
-        rest -= np.outer(unit, unit @ rest)
-    result: Array = basis @ np.column_stack(turned) if turned else basis
-    return result
 
 
 def _edge_normal(known: _Known, border: Spots, beyond: Array) -> tuple[float, tuple[float, float, float]]:
@@ -367,9 +361,9 @@ def _helpful(
     rows = inside.rows(known.centroid_mm, known.length_mm)
     if variance <= 0.0 or motions.shape[1] == 0 or len(rows) == 0:
         return "", 0.0, ()
-    motions = np.hstack([_lined_up(told), motions])
+    motions = np.hstack([lined_up(told), motions])
     now = known.sums(told)
-    weakest = max(motions.T, key=now.variance)
+    weakest = motions[:, first_of_most(np.array([now.variance(motion) for motion in motions.T]))]
     each = _each(known.n_used)
     of_mean = min(variance, variance * known.alike() / each)
     chosen = helpful_places(

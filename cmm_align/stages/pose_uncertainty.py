@@ -15,7 +15,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import even_sample, moved, rows_of, total_weight
 from cmm_align.numerics.observability import Spectrum, uncertain_axes
 from cmm_align.numerics.rigid_fit import FitResult
@@ -131,7 +130,7 @@ def _block_sums(
     """Sum over the blocks of an even sample: it says as much about neighbours as all points."""
     used = np.flatnonzero(result.evaluation.used)
     pick = used[even_sample(len(used), SAMPLE)]
-    feet = Feet(*(a[pick] for a in result.evaluation.feet))
+    feet = result.evaluation.feet.of(pick)
     rows = rows_of(moved(centred[pick], result.placement), result.placement, feet, length)
     w = np.ones(len(pick)) if weights is None else weights[pick]
     every = w if weights is None else weights[used]

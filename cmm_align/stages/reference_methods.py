@@ -23,11 +23,12 @@ import numpy as np
 from cmm_align.config import ALIGN_CHOICES, AlignConfig
 from cmm_align.errors import UsageError, WrongStageError
 from cmm_align.model import MIN_POINTS, Nominal, PointKind, PointSet
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.icp_closest_point import IcpResult, point_to_point, tangent_plane_measure
 from cmm_align.numerics.linearisation import Measure, Placement, moved
 from cmm_align.numerics.local_normals import local_quadratic_normals
 from cmm_align.numerics.reference_look_up import look_up_measure
-from cmm_align.numerics.rigid_fit import FitSettings, fit
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.numerics.triangle_net import TriangleNet, locate, triangle_net
 from cmm_align.pose import Pose
 from cmm_align.stages.plausibility import check_measured

@@ -46,7 +46,7 @@ def two_path_difference_mm(
     config : AlignConfig
     """
     pick = even_sample(len(centred), TWO_PATH_POINTS)
-    centred, inside, feet = centred[pick], inside[pick], Feet(*(a[pick] for a in feet))
+    centred, inside, feet = centred[pick], inside[pick], feet.of(pick)
     facet = config.distance == "facet"
     other: Surface | None = nominal.surface if facet else nominal.equidistant_surface
     if other is None:

@@ -17,7 +17,7 @@ from cmm_align.model import Nominal, PointStatus
 from cmm_align.numerics.foot_point import Feet
 from cmm_align.numerics.linearisation import Evaluation
 from cmm_align.numerics.outliers import OutlierRule, outlier_rule, outliers
-from cmm_align.surfaces.envelope import Reach, edge_band_mm, near_edge
+from cmm_align.surfaces.envelope import InsideRaster, Reach, edge_band_mm, near_edge
 from cmm_align.surfaces.geometry import principal_curvatures
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.region import Region
@@ -40,6 +40,8 @@ class Selection:
     """Height of an edge that must not be touched first; 0 for no edge band."""
     fit_region: Region | None = None
     rule: OutlierRule | None = None
+    raster: InsideRaster | None = None
+    """Of the nominal's surface, so that it is not made for every look."""
 
     def __call__(self, now: Evaluation) -> Mask:
         """Return which points count, shape (n,)."""
@@ -79,12 +81,12 @@ def _on_the_edge(selection: Selection, x_mm: Array, y_mm: Array) -> Mask:
     nominal, radius, proud = selection.nominal, selection.radius_mm, selection.edge_proud_mm
     tight = None if nominal.quality is None else nominal.quality.min_concave_radius_mm
     widest = edge_band_mm(radius, np.array([0.0 if tight is None else 1.0 / tight]), proud)
-    near = near_edge(nominal.surface, x_mm, y_mm, np.broadcast_to(widest, x_mm.shape))
+    near = near_edge(nominal.surface, x_mm, y_mm, np.broadcast_to(widest, x_mm.shape), selection.raster)
     if tight is not None:
         pick = np.flatnonzero(near)
         x, y = x_mm[pick], y_mm[pick]
         most = principal_curvatures(nominal.surface.jet(x, y), nominal.side).most
-        near[pick] = near_edge(nominal.surface, x, y, edge_band_mm(radius, most, proud))
+        near[pick] = near_edge(nominal.surface, x, y, edge_band_mm(radius, most, proud), selection.raster)
     return near
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from cmm_align.errors import GeometryError
 from cmm_align.model import Nominal
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Measure, evaluate, even_sample, moved
 from cmm_align.numerics.moments import laid_by_moments
 from cmm_align.numerics.observability import spectrum
@@ -20,7 +21,7 @@ from cmm_align.numerics.outliers import MAD_SIGMA
 from cmm_align.numerics.pose_evidence import equal_factor
 from cmm_align.numerics.pose_search import search as search_poses
 from cmm_align.numerics.pose_verdicts import good_enough, is_mirrored, near_ties
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, Look, fit, joined, without_free_drift
+from cmm_align.numerics.rigid_fit import FitResult, Look, fit, joined, without_free_drift
 from cmm_align.numerics.rotations import vector_from_rotation
 from cmm_align.numerics.steering import FREELY, Lock, Placement, Steering, allowed_motions, held
 from cmm_align.numerics.triangle_net import TriangleNet

@@ -10,15 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from cmm_align.numerics.foot_point import (
-    ROUGH_TOLERANCE,
-    STEP_TOLERANCE,
     Feet,
     distance_hessian,
     foot_points,
-    seed_table,
-    seeds,
+    shifted_feet,
 )
 from cmm_align.numerics.linearisation import Measure
+from cmm_align.numerics.seed_table import seed_table, seeds
 from cmm_align.numerics.triangle_net import (
     TriangleNet,
     facet_distance,
@@ -46,17 +44,22 @@ def smooth_measure(surface: Surface, side: int, radius_mm: float) -> Measure:
     table = seed_table(surface.jet, side, radius_mm, limits)
 
     def measure(points_mm: Array, previous: Feet | None) -> tuple[Feet, Mask]:
-        if previous is None:
-            x, y = seeds(table, points_mm[:, 0], points_mm[:, 1])
-            tolerance = ROUGH_TOLERANCE
-        else:
-            x, y = previous.x_mm, previous.y_mm
-            tolerance = STEP_TOLERANCE
-        feet = foot_points(surface.jet, side, points_mm, x, y, limits, tolerance)
-        inside = surface.contains(feet.x_mm, feet.y_mm) & np.isfinite(feet.distance_mm)
-        return feet._replace(distance_mm=feet.distance_mm - radius_mm), inside
+        x, y = seeds(table, points_mm) if previous is None else (previous.x_mm, previous.y_mm)
+        feet = foot_points(surface.jet, side, points_mm, x, y, limits)
+        return feet._replace(distance_mm=feet.distance_mm - radius_mm), on_surface(feet)
 
-    return Measure(measure, lambda points_mm, feet: distance_hessian(surface.jet, side, points_mm, feet))
+    def shifted(feet: Feet, shift_mm: Array) -> tuple[Feet, Mask]:
+        found = shifted_feet(side, radius_mm, feet, shift_mm)
+        return found, on_surface(found)
+
+    def on_surface(feet: Feet) -> Mask:
+        inside: Mask = surface.contains(feet.x_mm, feet.y_mm) & np.isfinite(feet.distance_mm)
+        return inside
+
+    def hessian(points_mm: Array, feet: Feet) -> Array:
+        return distance_hessian(surface.jet, side, points_mm, feet)
+
+    return Measure(measure, hessian, shifted)
 
 
 def facet_measure(net: TriangleNet, side: int) -> Measure:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmm_align.numerics.ball_envelope import ball_rest
+from cmm_align.numerics.chunked import in_threads
 from cmm_align.surfaces.geometry import principal_curvatures
 from cmm_align.surfaces.protocol import Array, Mask, Surface
 
@@ -60,6 +61,16 @@ class Reached(NamedTuple):
     point of the envelope over that, along the projection direction."""
     held_off_mm: Array
     """How far above ``p + r n`` that is, shape (n,), mm; 0 where the ball reaches."""
+
+
+class InsideRaster(NamedTuple):
+    """Which places of a raster belong to a surface."""
+
+    x0_mm: float
+    y0_mm: float
+    step_mm: float
+    inside: Mask
+    """Shape (ny, nx)."""
 
 
 class Tightest(NamedTuple):
@@ -172,7 +183,18 @@ def edge_band_mm(radius_mm: float, concave_per_mm: Array, edge_proud_mm: float) 
     return result
 
 
-def near_edge(surface: Surface, x_mm: Array, y_mm: Array, width_mm: Array) -> Mask:
+def inside_raster(surface: Surface) -> InsideRaster:
+    """Return which places of a raster over a surface belong to it, for `near_edge`."""
+    b = surface.bounds
+    step = max(b.x_max - b.x_min, b.y_max - b.y_min) / _RASTER
+    xs, ys = np.arange(b.x_min, b.x_max + step, step), np.arange(b.y_min, b.y_max + step, step)
+    px, py = np.meshgrid(xs, ys)
+    return InsideRaster(b.x_min, b.y_min, step, surface.contains(px.ravel(), py.ravel()).reshape(px.shape))
+
+
+def near_edge(
+    surface: Surface, x_mm: Array, y_mm: Array, width_mm: Array, raster: InsideRaster | None = None
+) -> Mask:
     """Return which places lie within a width of the border of a surface.
 
     Parameters
@@ -180,27 +202,44 @@ def near_edge(surface: Surface, x_mm: Array, y_mm: Array, width_mm: Array) -> Ma
     surface : Surface
     x_mm, y_mm : ndarray, shape (n,), mm, frame `surface`
     width_mm : ndarray, shape (n,), mm
+    raster : InsideRaster, optional
+        Of the same surface, where it is made already.
     """
+    near = np.zeros(len(x_mm), dtype=bool)
     widest = float(width_mm.max(initial=0.0))
     if widest <= 0.0:
-        return np.zeros(len(x_mm), dtype=bool)
-    b = surface.bounds
-    step = max(b.x_max - b.x_min, b.y_max - b.y_min) / _RASTER
-    xs, ys = np.arange(b.x_min, b.x_max + step, step), np.arange(b.y_min, b.y_max + step, step)
-    px, py = np.meshgrid(xs, ys)
-    inside = np.pad(surface.contains(px.ravel(), py.ravel()).reshape(px.shape), 1)
-    from scipy.ndimage import distance_transform_edt  # slow to import
-
-    room: Array = distance_transform_edt(inside)[1:-1, 1:-1] * step
-    ix = np.clip(np.rint((x_mm - b.x_min) / step).astype(np.intp), 0, len(xs) - 1)
-    iy = np.clip(np.rint((y_mm - b.y_min) / step).astype(np.intp), 0, len(ys) - 1)
-    near = np.zeros(len(x_mm), dtype=bool)
-    k = np.flatnonzero(room[iy, ix] <= widest + 2.0 * step)
+        return near
+    k = np.flatnonzero(_may_be_near(raster or inside_raster(surface), widest, x_mm, y_mm))
+    x, y, width = x_mm[k], y_mm[k], width_mm[k]
     for angle in 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
-        out = ~surface.contains(x_mm[k] + width_mm[k] * np.cos(angle), y_mm[k] + width_mm[k] * np.sin(angle))
-        near[k[out]] = True
-        k = k[~out]
+        holds = surface.contains(x + width * np.cos(angle), y + width * np.sin(angle))
+        if not holds.all():
+            near[k[~holds]] = True
+            k, x, y, width = k[holds], x[holds], y[holds], width[holds]
     return near
+
+
+def _may_be_near(raster: InsideRaster, width_mm: float, x_mm: Array, y_mm: Array) -> Mask:
+    """Return the places around which the raster is not inside everywhere, two steps past the width."""
+    ny, nx = raster.inside.shape
+    m = int(np.ceil(width_mm / raster.step_mm)) + 2
+    outside = np.zeros((ny + 2 * m + 1, nx + 2 * m + 1), dtype=np.int32)
+    outside[1:, 1:] = 1
+    outside[m + 1 : m + 1 + ny, m + 1 : m + 1 + nx] = ~raster.inside
+    sums = outside.cumsum(axis=0).cumsum(axis=1)  # how many are outside in a square, by its corners
+    w = 2 * m + 1
+    unclear = (sums[w:, w:] - sums[:-w, w:] - sums[w:, :-w] + sums[:-w, :-w] > 0).ravel()
+    found = np.empty(len(x_mm), dtype=bool)
+
+    def work(part: slice) -> None:
+        u = (x_mm[part] - raster.x0_mm) / raster.step_mm + 0.5
+        v = (y_mm[part] - raster.y0_mm) / raster.step_mm + 0.5
+        ix = np.minimum(np.maximum(u, 0.0), nx - 0.5).astype(np.intp)
+        iy = np.minimum(np.maximum(v, 0.0), ny - 0.5).astype(np.intp)
+        found[part] = unclear.take(iy * nx + ix)
+
+    in_threads(work, len(x_mm))
+    return found
 
 
 def tightest(

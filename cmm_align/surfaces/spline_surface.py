@@ -74,6 +74,8 @@ class SplineSurface:
         inside: Mask = (
             (u >= -BORDER_SLACK) & (u <= nx + BORDER_SLACK) & (v >= -BORDER_SLACK) & (v <= ny + BORDER_SLACK)
         )
+        if self.cells.all():
+            return inside
         ix = np.clip(np.where(np.isfinite(u), u, 0.0).astype(np.intp), 0, nx - 1)
         iy = np.clip(np.where(np.isfinite(v), v, 0.0).astype(np.intp), 0, ny - 1)
         result: Mask = inside & self.cells[iy, ix]

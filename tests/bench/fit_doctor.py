@@ -20,8 +20,9 @@ import closed_forms as cf
 import cmm_align as ca
 from cmm_align.errors import CmmAlignError
 from cmm_align.model import Nominal, PointKind, PointSet
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Placement, evaluate
-from cmm_align.numerics.rigid_fit import FitSettings, fit
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.pose import Pose, rotation_from_vector
 from cmm_align.stages.fit_doctor import Evidence, diagnose, explain_failure
 from cmm_align.stages.offset import surface_digest

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 from table import Row, Stopwatch, show
 
+from cmm_align.numerics.fit_steps import FitSettings, stepped
 from cmm_align.numerics.linearisation import Placement
 from cmm_align.numerics.minimum_zone import ZoneResult, least_stock, minimum_zone, within_tolerance
-from cmm_align.numerics.rigid_fit import FitResult, FitSettings, fit, stepped
+from cmm_align.numerics.rigid_fit import FitResult, fit
 from cmm_align.numerics.rotations import rotation_from_vector
 from cmm_align.surfaces.distance import smooth_measure
 from cmm_align.surfaces.geometry import unit_normal

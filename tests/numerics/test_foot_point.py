@@ -2,7 +2,8 @@ import closed_forms as cf
 import numpy as np
 import pytest
 
-from cmm_align.numerics.foot_point import distance_hessian, foot_points, seed_table, seeds
+from cmm_align.numerics.foot_point import distance_hessian, foot_points, shifted_feet
+from cmm_align.numerics.seed_table import seed_table, seeds
 from cmm_align.surfaces.equidistant import limits_of
 from cmm_align.surfaces.geometry import unit_normal
 
@@ -113,15 +114,40 @@ def test_the_hessian_of_the_distance_agrees_with_finite_differences():
     np.testing.assert_allclose(exact, np.swapaxes(exact, 1, 2), atol=1e-12)
 
 
-def test_seeds_lie_near_the_feet():
+@pytest.mark.parametrize("side", [1, -1])
+def test_seeds_lie_near_the_feet_of_points_on_the_offset_surface_and_off_it(side):
     surface = cf.Paraboloid(b_mm=-90.0)
-    table = seed_table(surface.jet, 1, 1.5, limits_of(surface))
+    table = seed_table(surface.jet, side, 1.5, limits_of(surface))
     rng = np.random.default_rng(7)
     x, y = rng.uniform(-19, 19, (2, 500))
-    centres = lifted(surface, x, y, np.full(500, 1.5))
+    off = rng.uniform(-0.02, 0.02, 500)
 
-    sx, sy = seeds(table, centres[:, 0], centres[:, 1])
+    sx, sy = seeds(table, lifted(surface, x, y, 1.5 + off, side))
 
-    # Bilinear in a table of pitch 0.23 mm: h^2/8 times the curvature of r n_xy (1.5/60^2 per mm).
-    assert np.abs(sx - x).max() < 0.23**2 / 4 * 1.5 / 60**2
-    assert np.abs(sy - y).max() < 0.23**2 / 4 * 1.5 / 60**2
+    # Half a pitch of 0.34 mm from the nearest node the lean is off by its share of the curvature, of the off.
+    pitch, curvature, steep = 0.34, 1.0 / 60.0, 0.35
+    allowed = pitch**2 * curvature * steep / 8.0 * 0.1 + 0.02 * (0.5 * pitch + 1.5 * steep) * curvature
+    assert np.hypot(sx - x, sy - y).max() < allowed
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("surface", [cf.Sphere(), cf.Paraboloid(b_mm=-90.0), cf.Torus()])
+def test_shifted_feet_are_right_to_second_order(surface, side):
+    rng = np.random.default_rng(8)
+    x, y = rng.uniform(-15, 15, (2, 300))
+    points = lifted(surface, x, y, rng.uniform(0.5, 2.5, 300), side)
+    limits = limits_of(surface)
+    feet = foot_points(surface.jet, side, points, x, y, limits)
+    radius = 1.0
+    errors = []
+    for size in (1e-2, 5e-3):
+        shift = size * rng.standard_normal((300, 3))
+        exact = foot_points(surface.jet, side, points + shift, x, y, limits)
+        found = shifted_feet(side, radius, feet._replace(distance_mm=feet.distance_mm - radius), shift)
+        errors.append(np.abs(found.distance_mm + radius - exact.distance_mm).max())
+        assert np.abs(found.normal - exact.normal).max() < 10.0 * (size / 40.0) ** 2
+        assert np.hypot(found.x_mm - exact.x_mm, found.y_mm - exact.y_mm).max() < 10.0 * size**2 / 40.0
+
+    # Third order in the shift, over the square of the radius of curvature (40 mm or more).
+    assert errors[0] < 30.0 * 1e-6 / 40.0**2
+    assert errors[1] < 0.5 * errors[0]

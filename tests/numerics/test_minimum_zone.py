@@ -8,9 +8,10 @@ import pytest
 from scipy.optimize import linprog, minimize
 
 from cmm_align.errors import InputError, NumericsError
+from cmm_align.numerics.fit_steps import FitSettings, stepped
 from cmm_align.numerics.linearisation import Measure, Placement, evaluate, moved, rows_of
 from cmm_align.numerics.minimum_zone import least_stock, minimum_zone, within_tolerance
-from cmm_align.numerics.rigid_fit import FitSettings, fit, stepped
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.numerics.rotations import rotation_from_vector, vector_from_rotation
 from cmm_align.surfaces.distance import facet_measure, light_net, smooth_measure
 from cmm_align.surfaces.geometry import unit_normal

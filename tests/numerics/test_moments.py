@@ -6,8 +6,8 @@ import pytest
 from laid_anywhere import RADIUS_MM, part_points
 from scipy.spatial.transform import Rotation
 
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.moments import laid_by_moments
-from cmm_align.numerics.rigid_fit import FitSettings
 from cmm_align.numerics.steering import Placement
 from cmm_align.surfaces.distance import facet_measure, light_net
 from cmm_align.virtual.window import window

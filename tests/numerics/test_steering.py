@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from cmm_align.numerics.fit_steps import FitSettings, stepped
 from cmm_align.numerics.linearisation import evaluate, moved
-from cmm_align.numerics.rigid_fit import FitSettings, fit, stepped
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.numerics.rotations import rotation_from_vector, vector_from_rotation
 from cmm_align.numerics.steering import (
     DatumTerms,

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from cmm_align.model import Nominal
+from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Placement
-from cmm_align.numerics.rigid_fit import FitSettings, fit
+from cmm_align.numerics.rigid_fit import fit
 from cmm_align.pose import Pose
 from cmm_align.stages.fit_doctor import Evidence, diagnose, explain_failure
 from cmm_align.stages.mistakes import mistakes_of
