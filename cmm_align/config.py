@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from cmm_align.errors import MissingFileError, UsageError
+from cmm_align.limits import LIMITS
 from cmm_align.toml_table import check_keys
 
 T = TypeVar("T")
@@ -138,6 +139,16 @@ class ErrorMapConfig:
     """Tolerance on PV; 0 gives no verdict."""
     tolerance_rms_um: float = 0.0
     """Tolerance on RMS; 0 gives no verdict."""
+    tolerance_profile_um: float = 0.0
+    """Tolerance on the profile, 2 max|e| (ISO 1101: the width of the zone); 0 gives no verdict."""
+    tolerance_slope_mrad: float = 0.0
+    """Tolerance on the largest slope error, mrad (um per mm); 0 gives no verdict."""
+    tolerance_band_lower_um: float = 0.0
+    """Least deviation; both limits 0 give no verdict."""
+    tolerance_band_upper_um: float = 0.0
+    """Largest deviation."""
+    decision: str = "guard-band"
+    """guard-band: pass and fail only beyond the uncertainty (ISO 14253-1); simple: as measured."""
     guard_factor: float = 1.65
     """Guard band in standard uncertainties (ISO 14253-1, 95 % one-sided)."""
 
@@ -266,64 +277,8 @@ RASTERS: Final = ("x", "y")
 SPIRALS: Final = ("inwards", "outwards")
 """How a spiral may run."""
 
-LIMITS: Final[dict[str, tuple[float, float]]] = {
-    "degree": (0, 5),
-    "nodes": (400, 5_000_000),
-    "grid_tolerance": (0.0, 0.2),
-    "feature_curvature_per_mm": (1e-9, 1e6),
-    "edge_proud_um": (0.0, 1e6),
-    "plan_spacing_mm": (0.0, 1e6),
-    "plan_facet_error_um": (1e-6, 1e6),
-    "plan_points": (36, 10_000_000),
-    "plan_speed_mm_s": (1e-3, 1e5),
-    "plan_point_s": (0.0, 1e4),
-    "tolerance_lower_um": (-1e9, 1e9),
-    "tolerance_upper_um": (-1e9, 1e9),
-    "monte_carlo": (0, 100_000),
-    "seed": (0, 2**31),
-    "max_wedge_arcmin": (0.0, 1e6),
-    "max_decentre_um": (0.0, 1e9),
-    "max_clocking_arcmin": (0.0, 1e6),
-    "max_thickness_um": (0.0, 1e9),
-    "temperature_c": (-50.0, 100.0),
-    "expansion_per_k": (-1e-4, 1e-3),
-    "max_iterations": (0, 100_000),
-    "coarse_points": (100, 100_000_000),
-    "max_rotation_step_deg": (0.1, 180.0),
-    "step_tolerance": (1e-15, 1e-6),
-    "min_observability": (1e-15, 1e-2),
-    "spacing_mm": (0.0, 1e6),
-    "window": (0.5, 20.0),
-    "max_nodes": (8, 4096),
-    "low_pass_mm": (0.0, 1e6),
-    "high_pass_mm": (0.0, 1e6),
-    "picture_scale_um": (0.0, 1e9),
-    "tolerance_pv_um": (0.0, 1e9),
-    "tolerance_rms_um": (0.0, 1e9),
-    "guard_factor": (0.0, 10.0),
-    "gain": (0.0, 2.0),
-    "edge_taper_mm": (0.0, 1e6),
-    "min_points_per_cell": (1, 1_000_000),
-    "u_transfer": (0.0, 1.0),
-    "repeatability_um": (0.0, 1e6),
-    "repeatability_length_mm": (0.0, 1e6),
-    "warn_slope_mrad": (1e-6, 1e4),
-    "max_slope_mrad": (1e-6, 1e4),
-    "thickness_budget_um": (0.0, 1e9),
-    "max_correction_um": (1e-6, 1e9),
-    "text_decimals": (6, 12),
-    "wheel_radius_mm": (0.0, 1e4),
-    "wheel_tip_radius_mm": (0.0, 1e4),
-    "depth_of_cut_um": (0.0, 1e5),
-    "depth_margin_um": (0.0, 1e5),
-    "feed_mm_min": (1e-3, 1e6),
-    "line_spacing_mm": (0.0, 1e6),
-    "point_spacing_mm": (0.0, 1e6),
-    "safe_height_mm": (0.0, 1e4),
-    "max_lines": (0, 1_000_000_000),
-    "footprint_radius_mm": (0.0, 1e4),
-}
-"""Least and largest value of each number; outside them a setting is a mistake."""
+DECISIONS: Final = ("guard-band", "simple")
+"""Decision rules of `error-map`."""
 
 
 def read_config(paths: Sequence[Path | str]) -> Config:

@@ -21,17 +21,33 @@ MM_PER: Final[dict[str, float]] = {
 }
 """Millimetres per unit of length."""
 
+RAD_PER: Final[dict[str, float]] = {
+    "urad": 1e-6,
+    "µrad": 1e-6,
+    "μrad": 1e-6,
+    "mrad": 1e-3,
+    "um/mm": 1e-3,
+    "µm/mm": 1e-3,
+    "μm/mm": 1e-3,
+    "rad": 1.0,
+    "arcsec": math.pi / 648000.0,
+    "arcmin": math.pi / 10800.0,
+    "deg": math.pi / 180.0,
+}
+"""Radians per unit of angle or of small slope."""
+
 UM_PER_MM: Final = 1e3
 M_PER_MM: Final = 1e-3
 REFERENCE_C: Final = 20.0
 """Temperature at which a part has its size, degrees C: ISO 1."""
 NM_PER_MM: Final = 1e6
-URAD_PER_RAD: Final = 1e6
 MRAD_PER_RAD: Final = 1e3
+URAD_PER_RAD: Final = 1e6
 DEG_PER_RAD: Final = 180.0 / math.pi
 RAD_PER_DEG: Final = math.pi / 180.0
 
 _LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµμ]*)\s*")
+_ANGLE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµμ/]*)\s*")
 _NUMBER = r"(\d+\.?\d*|\.\d+)"
 _MPE = re.compile(rf"{_NUMBER}(\+(?:{_NUMBER}[*·]?)?[Ll](?:/{_NUMBER}(?:mm)?)?)?")
 
@@ -70,6 +86,35 @@ def parse_length_mm(text: str) -> float:
         raise UnitsError(f"{text!r} is not a length", expected="a number with a unit, as 1.5mm")
     number, unit = match.groups()
     return float(number) * mm_per(unit or "mm")
+
+
+def states_unit(text: str) -> bool:
+    """Return whether a number is written with a unit, known or not."""
+    match = _ANGLE.fullmatch(text)
+    return match is None or bool(match.group(2))
+
+
+def parse_angle_rad(text: str) -> float:
+    """Return an angle or a small slope such as ``0.5mrad``, ``20arcsec`` or ``0.5um/mm`` in rad.
+
+    Raises
+    ------
+    UnitsError
+        If the text is not a number with a known unit.
+
+    Examples
+    --------
+    >>> parse_angle_rad("0.5mrad")
+    0.0005
+    """
+    match = _ANGLE.fullmatch(text)
+    unit = match.group(2).lower() if match is not None else ""
+    if match is None or unit not in RAD_PER:
+        raise UnitsError(
+            f"{text!r} is not an angle with a known unit",
+            expected="a number with one of mrad, urad, um/mm, rad, deg, arcmin, arcsec",
+        )
+    return float(match.group(1)) * RAD_PER[unit]
 
 
 def parse_mpe(text: str) -> tuple[float, float]:

@@ -2,8 +2,9 @@ from dataclasses import fields
 
 import pytest
 
-from cmm_align.config import ALIGN_CHOICES, FILTERS, LIMITS, AlignConfig, Config, read_config
+from cmm_align.config import ALIGN_CHOICES, FILTERS, AlignConfig, Config, read_config
 from cmm_align.errors import MissingFileError, UsageError
+from cmm_align.limits import LIMITS
 
 
 def written(tmp_path, text):

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from cmm_align.config import AlignConfig, ErrorMapConfig
+from cmm_align.config import AlignConfig
 from cmm_align.model import Alignment, Correction, DeviationMap, Nominal, NominalQuality, PointStatus
 from cmm_align.stages.map_grid import points_apart
 from cmm_align.units import UM_PER_MM
@@ -128,22 +128,15 @@ def of_map(deviation_map: DeviationMap) -> list[str]:
     return texts
 
 
-def of_tolerances(deviation_map: DeviationMap, config: ErrorMapConfig) -> list[str]:
+def of_tolerances(deviation_map: DeviationMap) -> list[str]:
     """Return what to know about tolerances that are far from what was measured."""
-    texts = []
-    both = (deviation_map.statistics, deviation_map.point_statistics)
-    for name, tolerance_um, values in (
-        ("pv", config.tolerance_pv_um, [s.pv_mm for s in both]),
-        ("rms", config.tolerance_rms_um, [s.rms_mm for s in both]),
-    ):
-        judged_um = max(values) * UM_PER_MM
-        if tolerance_um > WIDE_TOLERANCE * judged_um:
-            texts.append(
-                f"the tolerance on {name.upper()}, {tolerance_um:g} um, is more than {WIDE_TOLERANCE:g} "
-                f"times the value judged, {judged_um:.4g} um (a bare number is mm: "
-                f"--tolerance-{name} {tolerance_um / UM_PER_MM:g}um?)"
-            )
-    return texts
+    judged = deviation_map.conformance.judgements if deviation_map.conformance is not None else ()
+    return [
+        f"the tolerance on {j.quantity}, {j.upper:g} {j.unit}, is more than {WIDE_TOLERANCE:g} times the "
+        f"value judged, {j.measured:.4g} {j.unit}: is its unit right?"
+        for j in judged
+        if j.quantity != "band" and j.upper is not None and j.upper > WIDE_TOLERANCE * j.measured
+    ]
 
 
 def of_correction(correction: Correction) -> list[str]:

@@ -115,6 +115,12 @@ def limits_of(config: ErrorMapConfig, drawings: Drawings) -> Limits | None:
     UsageError
         If there is none, but a picture was asked for that is nothing without.
     """
+    low, high = config.tolerance_band_lower_um, config.tolerance_band_upper_um
+    if low < high:
+        return Limits(low, high, "tolerance band")
+    if config.tolerance_profile_um > 0.0:
+        half = 0.5 * config.tolerance_profile_um
+        return Limits(-half, half, f"profile {config.tolerance_profile_um:g} µm")
     if config.tolerance_pv_um > 0.0:
         half = 0.5 * config.tolerance_pv_um
         return Limits(-half, half, f"half of PV {config.tolerance_pv_um:g} µm either side")
@@ -122,7 +128,7 @@ def limits_of(config: ErrorMapConfig, drawings: Drawings) -> Limits | None:
         raise UsageError(
             "the picture bands has no limits to show",
             expected="a tolerance of single deviations",
-            remedy="add --tolerance-pv 10um",
+            remedy="add --tolerance-band 5um, --tolerance-profile 10um or --tolerance-pv 10um",
         )
     return None
 

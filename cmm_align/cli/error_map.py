@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,7 +14,8 @@ from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, beside, typed
 from cmm_align.cli.map_exports import EXPORTS
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.cli.papers import Papers
-from cmm_align.config import FILTERS, ErrorMapConfig
+from cmm_align.cli.tolerances import ToleratedLength, ToleratedSlope, in_words, with_band
+from cmm_align.config import DECISIONS, FILTERS, ErrorMapConfig
 from cmm_align.errors import CmmAlignError, OutputError, UsageError
 from cmm_align.report.pictures import FORMATS, PICTURES
 from cmm_align.units import UM_PER_MM
@@ -22,6 +23,7 @@ from cmm_align.units import UM_PER_MM
 if TYPE_CHECKING:
     from cmm_align.cli.drawing import Drawings
     from cmm_align.model import Alignment, DeviationMap
+    from cmm_align.surfaces.protocol import Array
 
 TEXT = """Map of the deviations of ALIGNED, with statistics, a picture and a verdict.
 
@@ -42,8 +44,30 @@ own "error map" of 21 geometric components is another thing.)
     help="Only points there count in numbers, map and verdict: circle:X,Y,R rectangle:X,Y,W,H"
     " annulus:X,Y,R1,R2 polygon:X1,Y1,... aperture:-MARGIN or a TOML file.  [default: that of align]",
 )
-@click.option("--tolerance-pv", type=Length(), metavar="L", help="Tolerance on PV, as 5um.")
-@click.option("--tolerance-rms", type=Length(), metavar="L", help="Tolerance on RMS, as 1um.")
+@click.option("--tolerance-pv", type=ToleratedLength(), metavar="L", help="On PV, as 5um; a unit is needed.")
+@click.option("--tolerance-rms", type=ToleratedLength(), metavar="L", help="On RMS, as 1um.")
+@click.option(
+    "--tolerance-profile",
+    type=ToleratedLength(),
+    metavar="L",
+    help="On the profile 2 max|e|, the width of the zone of ISO 1101, as 8um.",
+)
+@click.option(
+    "--tolerance-slope",
+    type=ToleratedSlope(),
+    metavar="SLOPE",
+    help="On the largest slope error, as 0.5mrad, 200urad, 1arcmin, 0.5um/mm.",
+)
+@click.option(
+    "--tolerance-band",
+    metavar="BAND",
+    help="On every deviation: 5um (both ways), -2um,8um, or a table id,lower_um,upper_um.",
+)
+@click.option(
+    "--decision",
+    type=click.Choice(DECISIONS),
+    help="Pass and fail only beyond the uncertainty (ISO 14253-1), or as measured.  [default: guard-band]",
+)
 @click.option(
     "--filter",
     "kind",
@@ -110,6 +134,10 @@ def command(
     report_region: str | None,
     tolerance_pv: float | None,
     tolerance_rms: float | None,
+    tolerance_profile: float | None,
+    tolerance_slope: float | None,
+    tolerance_band: str | None,
+    decision: str | None,
     kind: str | None,
     low_pass: float | None,
     high_pass: float | None,
@@ -135,10 +163,15 @@ def command(
         config = replace(config, spacing_mm=spacing)
     if report_region is not None:
         config = replace(config, report_region=report_region)
-    if tolerance_pv is not None:
-        config = replace(config, tolerance_pv_um=tolerance_pv * UM_PER_MM)
-    if tolerance_rms is not None:
-        config = replace(config, tolerance_rms_um=tolerance_rms * UM_PER_MM)
+    given: dict[str, Any] = {
+        "tolerance_pv_um": tolerance_pv,
+        "tolerance_rms_um": tolerance_rms,
+        "tolerance_profile_um": tolerance_profile,
+        "tolerance_slope_mrad": tolerance_slope,
+        "decision": decision,
+    }
+    config = replace(config, **{name: value for name, value in given.items() if value is not None})
+    config, table = with_band(config, tolerance_band)
     if kind is not None and low_pass is None and high_pass is None:
         raise UsageError("--filter without a cutoff", expected="--low-pass 5mm or --high-pass 30mm")
     if kind is not None:
@@ -157,6 +190,7 @@ def command(
         job,
         aligned,
         config,
+        table=table,
         earlier=earlier,
         drawings=drawings,
         exports=exports,
@@ -172,6 +206,7 @@ def make_map(
     config: ErrorMapConfig,
     *,
     earlier: Path | None = None,
+    table: Path | None = None,
     drawings: Drawings | None = None,
     exports: Sequence[str] = (),
     papers: Papers = Papers(),
@@ -187,6 +222,8 @@ def make_map(
     config : ErrorMapConfig
     earlier : Path, optional
         Map or alignment of an earlier measurement of the part, to compare with.
+    table : Path, optional
+        Limits of the deviations of single points.
     drawings : Drawings, optional
         Which pictures, beside the output and with its stem; the map unless given.
     papers : Papers
@@ -219,14 +256,15 @@ def make_map(
         *(path for _, path in drawings.files(output)),
         *papers.paths(output),
     ]
-    inputs = [aligned]
+    inputs = [aligned] if table is None else [aligned, table]
     if earlier is not None:
         comparing.check_earlier(job, aligned, earlier, config)
         inputs.append(earlier)
         outputs += comparing.files(drawings, output)
     record.check_outputs(job, outputs, inputs)
     config = _with_region(job, config, alignment)
-    deviation_map = error_map(alignment, config)
+    of_points = None if table is None else _limits(alignment, config, table, job.units)
+    deviation_map = error_map(alignment, config, limits=of_points)
     told: list[str] = []
     if earlier is not None:
         deviation_map, told = comparing.compared(deviation_map, earlier, config, aligned)
@@ -252,7 +290,7 @@ def make_map(
     command, advice = ("", "") if within else _compensation(deviation_map, output)
     warnings = [
         *drawn.notes,
-        *cautions.of_tolerances(deviation_map, config),
+        *cautions.of_tolerances(deviation_map),
         *cautions.of_map(deviation_map),
         *told,
     ]
@@ -271,7 +309,7 @@ def make_map(
             **comparing.of_change(change),
         },
         rows=[
-            ("tolerance", tolerances(config)),
+            ("tolerance", in_words(config, table)),
             *summary.of_map(deviation_map),
             *comparing.rows_of_change(change),
             results.probe_row(deviation_map.alignment.nominal),
@@ -304,11 +342,24 @@ def _with_region(job: Job, config: ErrorMapConfig, alignment: Alignment) -> Erro
     return replace(config, report_region=region.text)
 
 
-def tolerances(config: ErrorMapConfig) -> str:
-    """Return the tolerances in words."""
-    both = (("PV", config.tolerance_pv_um), ("RMS", config.tolerance_rms_um))
-    given = ", ".join(f"{name} {value:g} um" for name, value in both if value > 0.0)
-    return given or "none given, so no verdict (--tolerance-pv, --tolerance-rms)"
+def _limits(
+    alignment: Alignment, config: ErrorMapConfig, table: Path, units: str | None
+) -> tuple[Array, Array]:
+    """Return the least and largest deviation of every point, mm; all that count must be in the table."""
+    import numpy as np
+
+    from cmm_align import formats
+    from cmm_align.stages.report_region import reported_in
+    from cmm_align.surfaces.region import region_from_text
+
+    if config.report_region:
+        region = region_from_text(config.report_region, alignment.nominal.surface, "report_region")
+        alignment = reported_in(alignment, region)
+    limits = formats.read_limits(table, units)
+    lower, upper = np.full(len(alignment.ids), -np.inf), np.full(len(alignment.ids), np.inf)
+    rows = formats.matched(alignment.ids[alignment.judged], limits.ids, str(table))
+    lower[alignment.judged], upper[alignment.judged] = limits.lower_mm[rows], limits.upper_mm[rows]
+    return lower, upper
 
 
 def _compensation(deviation_map: DeviationMap, output: Path) -> tuple[str, str]:

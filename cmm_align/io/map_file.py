@@ -14,7 +14,17 @@ from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.records import read_record, typed, write_record
 from cmm_align.io.safe_hdf5 import attribute, find, is_older, json_attribute, read_array, where_of
 from cmm_align.io.writing import write_array
-from cmm_align.model import DeviationMap, LadderRung, LowOrders, MapFilter, Spectrum, Statistics, Verdict
+from cmm_align.model import (
+    Conformance,
+    DeviationMap,
+    LadderRung,
+    LowOrders,
+    MapFilter,
+    MapNumbers,
+    Spectrum,
+    Statistics,
+    Verdict,
+)
 
 T = TypeVar("T")
 
@@ -37,6 +47,9 @@ def write_body(file: h5py.File, noun: DeviationMap) -> None:
         write_comparison(file, noun.comparison)
     if noun.spectrum is not None:
         write_record(file.create_group("spectrum"), noun.spectrum)
+    for name in ("numbers", "conformance"):
+        if getattr(noun, name) is not None:
+            write_record(file.create_group(name), getattr(noun, name))
     statistics = file.create_group("statistics")
     write_record(statistics.create_group("nodes"), noun.statistics)
     write_record(statistics.create_group("points"), noun.point_statistics)
@@ -102,4 +115,6 @@ def read_body(file: h5py.File) -> DeviationMap:
         filter=_optional(file, "/filter", MapFilter),
         comparison=None if find(file, "/comparison") is None else read_comparison(file),
         spectrum=_optional(file, "/spectrum", Spectrum),
+        numbers=_optional(file, "/numbers", MapNumbers),
+        conformance=_optional(file, "/conformance", Conformance),
     )

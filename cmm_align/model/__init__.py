@@ -19,7 +19,9 @@ from cmm_align.model.correction import (
     ProcessTransfer,
 )
 from cmm_align.model.fit_report import FitReport, FitStep, FreeScale, PointStatus
+from cmm_align.model.judgement import Conformance, Judgement
 from cmm_align.model.low_orders import LowOrders
+from cmm_align.model.map_numbers import Irregularity, MadeBy, MapNumbers, SlopeError
 from cmm_align.model.monte_carlo import MonteCarlo, PointSpread, Spread
 from cmm_align.model.nominal import (
     Equidistant,
@@ -55,6 +57,7 @@ __all__ = [
     "ChangeBand",
     "ChangeRung",
     "Comparison",
+    "Conformance",
     "Correction",
     "CorrectionBand",
     "CorrectionLimits",
@@ -66,9 +69,13 @@ __all__ = [
     "FitStep",
     "FreeScale",
     "IntArray",
+    "Irregularity",
+    "Judgement",
     "LadderRung",
     "LowOrders",
+    "MadeBy",
     "MapFilter",
+    "MapNumbers",
     "MonteCarlo",
     "MotionLimits",
     "Nominal",
@@ -84,6 +91,7 @@ __all__ = [
     "PoseKnowledge",
     "ProcessTransfer",
     "RemovedMotion",
+    "SlopeError",
     "Spectrum",
     "Spread",
     "Statistics",

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from cmm_align.model.comparison import Comparison
 from cmm_align.model.fit_report import FitReport
+from cmm_align.model.judgement import Conformance
 from cmm_align.model.low_orders import LowOrders
+from cmm_align.model.map_numbers import MapNumbers
 from cmm_align.model.nominal import Nominal
 from cmm_align.model.points import IntArray
 from cmm_align.model.spectrum import Spectrum
@@ -146,6 +148,10 @@ class DeviationMap:
         What changed since an earlier measurement, where one was given.
     spectrum : Spectrum or None
         Which wavelengths it has, or why that cannot be told; None in files of older versions.
+    numbers : MapNumbers or None
+        All numbers of the map with their uncertainties; None in files of older versions.
+    conformance : Conformance or None
+        Each tolerance judged; None without a tolerance and in files of older versions.
     """
 
     alignment: Alignment
@@ -169,3 +175,5 @@ class DeviationMap:
     low_orders: LowOrders | None = None
     comparison: Comparison | None = None
     spectrum: Spectrum | None = None
+    numbers: MapNumbers | None = None
+    conformance: Conformance | None = None

@@ -77,6 +77,10 @@ class LocalFit:
     powers : ndarray, shape (15, ny + 2 reach, nx + 2 reach)
         Sums of ``u^a v^b`` over the points of each cell about its middle, in steps: `EXPONENTS`. The cells
         in reach of the border are among them.
+    slope : ndarray, shape (2, ny, nx)
+        Derivatives of the local polynomial along x and y at the node, per unit of length; NaN where unknown.
+    slope_covariance : ndarray, shape (3, ny, nx)
+        Variances of `slope` along x and along y and their covariance, from the scatter; NaN where unknown.
     """
 
     value: Array
@@ -86,6 +90,8 @@ class LocalFit:
     quadratic: Mask
     scatter: float
     powers: Array
+    slope: Array
+    slope_covariance: Array
 
 
 class Moments(NamedTuple):
@@ -104,6 +110,10 @@ class _Solution(NamedTuple):
     leverage: Array
     squares: Array
     freedom: Array
+    slope: Array
+    """Shape (2, ny, nx), per step of the grid."""
+    slope_leverage: Array
+    """Variances and covariance of `slope` over the variance of one point, shape (3, ny, nx)."""
 
 
 def local_regression(
@@ -139,6 +149,8 @@ def local_regression(
     cells = _cell_moments(u + reach, v + reach, values - offset, shape)
     ny, nx = len(y_nodes), len(x_nodes)
     value, leverage, squares, freedom = (np.empty((ny, nx)) for _ in range(4))
+    slope, slope_leverage = np.empty((2, ny, nx)), np.empty((3, ny, nx))
+    fields = (value, leverage, squares, freedom, slope, slope_leverage)
     count, curved = np.empty((ny, nx), dtype=np.int64), np.empty((ny, nx), dtype=np.bool_)
 
     def solve(rows: slice) -> None:
@@ -149,13 +161,15 @@ def local_regression(
         linear = _solved(window, _LINEAR, MIN_POINTS_LINEAR)
         curved[rows] = quadratic.leverage <= MAX_LEVERAGE
         count[rows] = window.powers[0]
-        for whole, one, other in zip((value, leverage, squares, freedom), quadratic, linear, strict=True):
-            whole[rows] = np.where(curved[rows], one, other)
+        for whole, one, other in zip(fields, quadratic, linear, strict=True):
+            whole[..., rows, :] = np.where(curved[rows], one, other)
 
     in_threads(solve, ny, rows_at_once(nx))
     rim = slice(reach - 1, 1 - reach or None)
     known = _supported(cells.powers[0, rim, rim] > 0.0) & (leverage <= MAX_LEVERAGE)
     scatter, variance = _pooled_variance(squares, freedom, known)
+    steps = np.array([x_nodes[1] - x_nodes[0], y_nodes[1] - y_nodes[0]])[:, None, None]
+    areas = np.stack([steps[0] ** 2, steps[1] ** 2, steps[0] * steps[1]])
     return LocalFit(
         value=np.where(known, value + offset, np.nan),
         sigma=np.where(known, np.sqrt(variance * np.where(known, leverage, 0.0)), np.nan),
@@ -164,6 +178,8 @@ def local_regression(
         quadratic=curved & known,
         scatter=scatter,
         powers=cells.powers,
+        slope=np.where(known, slope / steps, np.nan),
+        slope_covariance=np.where(known, variance * np.where(known, slope_leverage, 0.0) / areas, np.nan),
     )
 
 
@@ -262,12 +278,44 @@ def _solved(window: Moments, terms: list[tuple[int, int]], min_points: int) -> _
             b[i] -= factor * b[k]
             for j in range(k + 1, i + 1):
                 a[i][j] -= factor * a[j][k]
+    slope, leverage = _slopes(a, b, sound)
     return _Solution(
         np.where(sound, b[-1] / pivot, np.nan),
         np.where(sound, 1.0 / pivot, np.inf),
         np.maximum(window.products[6] - explained, 0.0),
         np.maximum(count - n, 0.0),
+        slope,
+        leverage,
     )
+
+
+def _slopes(a: list[list[Array]], b: list[Array], sound: Mask) -> tuple[Array, Array]:
+    """Return the two linear coefficients, which come first, and their covariance over that of a point.
+
+    After the elimination ``a[i][k]`` (i > k) holds the factor times the pivot ``a[k][k]``: with the unit
+    lower triangle L and the pivots P of the normal matrix the rest is two triangular solves.
+    """
+    n = len(b)
+    pivots = [np.where(sound, a[k][k], 1.0) for k in range(n)]
+    solved: dict[int, Array] = {}
+    for k in range(n - 1, -1, -1):
+        rest = b[k].copy()
+        for i in range(k + 1, n):
+            rest -= a[i][k] * solved[i]
+        solved[k] = rest / pivots[k]
+    columns = []  # of the inverse of L: the covariance is their products over the pivots
+    for start in (0, 1):
+        column = {start: np.ones_like(pivots[0])}
+        for i in range(start + 1, n):
+            column[i] = np.zeros_like(pivots[0])
+            for k in range(start, i):
+                column[i] -= a[i][k] / pivots[k] * column[k]
+        columns.append(column)
+    products = [
+        sum(columns[p][k] * columns[q][k] / pivots[k] for k in range(max(p, q), n))
+        for p, q in ((0, 0), (1, 1), (0, 1))
+    ]
+    return np.stack([solved[0], solved[1]]), np.stack([np.where(sound, p, np.inf) for p in products])
 
 
 def _supported(occupied: Mask) -> Mask:

@@ -15,6 +15,7 @@ from cmm_align.model import (
     Statistics,
     Verdict,
 )
+from cmm_align.report.number_rows import of_numbers
 from cmm_align.report.wording import as_length, as_percent, at_place, extreme, in_nm, in_um
 from cmm_align.units import MRAD_PER_RAD, UM_PER_MM
 
@@ -76,6 +77,7 @@ def of_map(deviation_map: DeviationMap) -> Rows:
     rows = [
         ("PV", f"{in_um(s.pv_mm)}   (single points {in_um(p.pv_mm)})"),
         ("RMS", f"{in_um(s.rms_mm)}   (single points {in_um(p.rms_mm)}; u {in_um(m.u_rms_mm)})"),
+        ("PVr", f"{in_um(m.pvr_mm)}   (36 terms and three times the RMS of the rest)"),
         ("highest", f"{extreme(s.max_mm)} at {at_place(s.max_at_mm)}"),
         ("lowest", f"{extreme(s.min_mm)} at {at_place(s.min_at_mm)}"),
     ]
@@ -96,14 +98,17 @@ def details_of_map(deviation_map: DeviationMap) -> Rows:
     """Return what `error-map` has to say beyond its summary."""
     m, s, p = deviation_map, deviation_map.statistics, deviation_map.point_statistics
     return [
-        ("mean", extreme(s.mean_mm)),
-        ("profile (ISO 1101)", in_um(s.profile_mm)),
-        ("PVr", in_um(m.pvr_mm)),
+        *(of_numbers(m.numbers) if m.numbers is not None else _few_numbers(s)),
         ("highest point", f"{extreme(p.max_mm)} at {at_place(p.max_at_mm)}"),
         ("lowest point", f"{extreme(p.min_mm)} at {at_place(p.min_at_mm)}"),
         *(_rung(rung) for rung in m.ladder[1:] if rung.removed != "+ power"),
         *_ways_of_map(m),
     ]
+
+
+def _few_numbers(s: Statistics) -> Rows:
+    """Return the numbers of a map that an older version wrote."""
+    return [("mean", extreme(s.mean_mm)), ("profile (ISO 1101)", in_um(s.profile_mm))]
 
 
 def _ways_of_map(m: DeviationMap) -> Rows:

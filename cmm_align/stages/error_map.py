@@ -24,21 +24,21 @@ from cmm_align.model import (
     Alignment,
     DeviationMap,
     LadderRung,
-    LowOrders,
-    Statistics,
-    Verdict,
     frozen_array,
 )
 from cmm_align.numerics.aperture_basis import node_widths
-from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import LocalFit, local_regression
 from cmm_align.stages.deviation_statistics import deviation_statistics
 from cmm_align.stages.low_orders import low_orders
 from cmm_align.stages.map_filter import filtered
 from cmm_align.stages.map_grid import Places, axis_over, method_in_words, places_of, step_of
+from cmm_align.stages.map_nodes import MapNodes, map_nodes
+from cmm_align.stages.map_numbers import Band, map_numbers
 from cmm_align.stages.map_spectrum import map_spectrum
+from cmm_align.stages.noise_shares import Measured, noise_shares, with_noise
 from cmm_align.stages.report_region import reported_in
+from cmm_align.stages.verdict import band_of, check_tolerances, judge
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.region import region_from_text
@@ -46,13 +46,15 @@ from cmm_align.units import UM_PER_MM
 
 DEFAULTS: Final = ErrorMapConfig()
 
-MIN_COVERAGE: Final = 0.9
-"""What was not measured cannot pass."""
-
 _COVERAGE_NODES: Final = 201
 
 
-def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> DeviationMap:
+def error_map(
+    alignment: Alignment,
+    config: ErrorMapConfig = DEFAULTS,
+    *,
+    limits: tuple[Array, Array] | None = None,
+) -> DeviationMap:
     """Return the map of the deviations behind an alignment.
 
     Parameters
@@ -61,6 +63,8 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         Points laid on the nominal; those marked `judged` carry the map.
     config : ErrorMapConfig
         Spacing, window, tolerances, and the report region where it is another than that of the alignment.
+    limits : tuple of ndarray, each of shape (N,), mm, optional
+        Least and largest deviation of each point of the alignment; without it, those of `config`, if any.
 
     Returns
     -------
@@ -73,14 +77,15 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     GeometryError
         If no point carries a deviation, or lies in the report region, or the points span no area.
     UsageError
-        If the report region is none, or the spacing asked for gives more than `config.max_nodes` along the
-        longer side.
+        If the report region or a tolerance is none, or the spacing asked for gives more than
+        `config.max_nodes` along the longer side.
     """
+    check_tolerances(config)
     nominal = alignment.nominal
-    simulated = alignment.report.monte_carlo
     if config.report_region:
         region = region_from_text(config.report_region, nominal.surface, "report_region")
         alignment = reported_in(alignment, region)
+    band = _band(alignment, config, limits)
     places = places_of(alignment)
     step_mm = step_of(places, config)
     x_mm, y_mm = (axis_over(p, step_mm, exact=config.spacing_mm > 0.0) for p in (places.x_mm, places.y_mm))
@@ -101,24 +106,36 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
     steps_mm = float(x_mm[1] - x_mm[0]), float(y_mm[1] - y_mm[0])
     deviation, used_filter = filtered(deviation, steps_mm, config)
     spectrum = map_spectrum(deviation, steps_mm, fit.scatter, len(places.x_mm))
-    found, weights = _low_orders(alignment, places, (x_mm, y_mm), deviation, fit, config.window)
-    statistics = deviation_statistics(deviation, x_grid, y_grid, weights)
+    noise_mm2, weights = _noise_and_weights(places, (x_mm, y_mm), deviation, fit, config.window)
+    found = low_orders(alignment, x_mm, y_mm, deviation, noise_mm2, weights)
     ladder = tuple(
         LadderRung(r.removed, r.pv_um / UM_PER_MM, r.rms_um / UM_PER_MM, r.pvr_um / UM_PER_MM)
         for r in found.rungs
     )
-    scatter = np.where(inside, fit.sigma, np.nan)
-    u_rms_mm = _u_rms(alignment, places, fit, scatter, statistics)
-    if simulated is not None:
-        common_mm = simulated.rms.std_um / UM_PER_MM
-        if config.report_region:
-            common_mm = _common_at_most(alignment, places)
-        u_rms_mm = float(np.hypot(u_rms_mm, common_mm))
+    statistics = deviation_statistics(deviation, x_grid, y_grid, weights)
     points = deviation_statistics(places.deviation_mm, places.x_mm, places.y_mm)
-    u_pv_mm = _u_pv(deviation, sigma, fit.scatter)
+    nodes = map_nodes((x_mm, y_mm), deviation, fit, sigma, noise_mm2, weights)
+    measured = Measured(
+        alignment,
+        (x_mm, y_mm),
+        deviation,
+        nodes,
+        fit,
+        config.window,
+        places.x_mm,
+        places.y_mm,
+        places.deviation_mm,
+        statistics,
+        points,
+        filtered=used_filter is not None,
+        inside=inside,
+        common_mm=_common(alignment, places, nodes, config),
+    )
+    measured = with_noise(measured)
+    told = noise_shares(measured)
+    numbers = map_numbers(measured, told, ladder[0].pvr_mm, used_filter, band)
     coverage = _coverage(alignment, x_mm, y_mm, np.isfinite(deviation))
-    judged = (statistics, points) if used_filter is None else (statistics,)  # points hold every wave
-    verdict, lines = _verdict(judged, u_pv_mm, u_rms_mm, coverage, config)
+    verdict, lines, conformance = judge(measured, told, numbers.slope, coverage, config, band)
     return DeviationMap(
         alignment=alignment,
         x_mm=frozen_array(x_mm),
@@ -129,7 +146,7 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         statistics=statistics,
         point_statistics=points,
         pvr_mm=ladder[0].pvr_mm,
-        u_rms_mm=u_rms_mm,
+        u_rms_mm=float(np.hypot(told.rms.u, statistics.rms_mm - told.rms.value)),
         ladder=ladder,
         verdict=verdict,
         spacing_mm=spacing_mm,
@@ -140,7 +157,17 @@ def error_map(alignment: Alignment, config: ErrorMapConfig = DEFAULTS) -> Deviat
         filter=used_filter,
         spectrum=spectrum,
         low_orders=found,
+        numbers=numbers,
+        conformance=conformance,
     )
+
+
+def _band(alignment: Alignment, config: ErrorMapConfig, limits: tuple[Array, Array] | None) -> Band | None:
+    """Return the limits of the deviations that count, mm: of each, the same for all, or none."""
+    if limits is None:
+        return band_of(config)
+    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
+    return limits[0][judged], limits[1][judged]
 
 
 def _normal_z(alignment: Alignment, x_grid: Array, y_grid: Array) -> tuple[Array, Mask]:
@@ -159,16 +186,24 @@ def _told(alignment: Alignment, x_mm: Array, y_mm: Array) -> Mask:
     return inside
 
 
-def _common_at_most(alignment: Alignment, places: Places) -> float:
-    """Return a bound of the simulated uncertainty of the RMS, mm, for another region than was simulated.
+def _common(
+    alignment: Alignment, places: Places, nodes: MapNodes, config: ErrorMapConfig
+) -> tuple[float, float]:
+    """Return the simulated uncertainty of RMS and PV, mm: what touches have in common; else 0.
 
-    ``u(RMS) <= mean(|e| sigma) / RMS``: as if the errors of all points went together.
+    For another region than was simulated it is a bound: ``u(RMS) <= mean(|e| sigma) / RMS`` and ``u(PV) <=
+    sigma_max + sigma_min``, as if the errors of all points went together.
     """
-    if alignment.sigma_mm is None:
-        return 0.0
+    simulated = alignment.report.monte_carlo
+    if simulated is None or alignment.sigma_mm is None:
+        return 0.0, 0.0
+    if not config.report_region:
+        return simulated.rms.std_um / UM_PER_MM, simulated.pv.std_um / UM_PER_MM
     e = places.deviation_mm
     rms = float(np.sqrt(np.mean(e**2)))
-    return float(np.mean(np.abs(e) * alignment.sigma_mm[places.rows])) / rms if rms > 0.0 else 0.0
+    at_most = float(np.mean(np.abs(e) * alignment.sigma_mm[places.rows])) / rms if rms > 0.0 else 0.0
+    ends = int(np.argmin(nodes.deviation_mm)), int(np.argmax(nodes.deviation_mm))
+    return at_most, float(nodes.machine_mm[list(ends)].sum())
 
 
 def _with_machine(
@@ -189,57 +224,16 @@ def _with_machine(
     return np.asarray(np.hypot(fit.sigma, common.value), dtype=np.float64)
 
 
-def _low_orders(
-    alignment: Alignment,
-    places: Places,
-    axes: tuple[Array, Array],
-    deviation: Array,
-    fit: LocalFit,
-    window: float,
-) -> tuple[LowOrders, Array]:
-    """Return the low orders of the map, and the weight of each node: the area that it stands for."""
+def _noise_and_weights(
+    places: Places, axes: tuple[Array, Array], deviation: Array, fit: LocalFit, window: float
+) -> tuple[Array, Array]:
+    """Return what noise of the points hands to a sum of nodes, mm^2, and the area that each stands for."""
     widths = [
         node_widths(nodes, float(p.min()), float(p.max())) for nodes, p in zip(axes, places, strict=False)
     ]
-    weights = np.outer(widths[1], widths[0])
     known = np.isfinite(deviation)
     noise_mm2 = handed_noise(fit, known, half_width=window)
-    return low_orders(alignment, *axes, deviation, noise_mm2, weights), weights
-
-
-def _u_rms(
-    alignment: Alignment, places: Places, fit: LocalFit, sigma: Array, statistics: Statistics
-) -> float:
-    """Return the standard uncertainty of the RMS of the map, mm.
-
-    Three parts in quadrature: the scatter of the points (``s / sqrt(N)``, as every point enters
-    the map once); the share of noise that the nodes keep, which only ever adds, ``mean sigma^2 / (2 RMS)``;
-    and the pose, ``g C g`` with ``g = mean(e J) / RMS``. Correlated errors of the machine are not in it.
-    """
-    rms = statistics.rms_mm
-    noise = 0.0 if np.isnan(fit.scatter) else fit.scatter / len(places.x_mm) ** 0.5
-    if rms == 0.0:
-        return noise
-    kept = sigma[np.isfinite(sigma)]
-    bias = float(np.mean(kept**2)) / (2.0 * rms) if len(kept) else 0.0
-    centroid = alignment.centroid_mm
-
-    def pushed(part: slice) -> Array:
-        row = places.rows[part]
-        push = places.deviation_mm[part, None] * alignment.normals[row]
-        turn = np.cross(alignment.tip_centre_part_mm[row] - centroid, push)
-        return np.concatenate([turn.sum(axis=0), push.sum(axis=0)])
-
-    n = len(places.rows)
-    gradient = np.sum(in_threads(pushed, n), axis=0) / (n * rms)
-    pose = float(gradient @ np.nan_to_num(alignment.covariance) @ gradient)
-    return float(np.sqrt(noise**2 + bias**2 + max(pose, 0.0)))
-
-
-def _u_pv(deviation: Array, sigma: Array, scatter_mm: float) -> float:
-    """Return the standard uncertainty of PV, mm: of two extreme nodes, or two single points if larger."""
-    two = sigma.flat[int(np.nanargmin(deviation))], sigma.flat[int(np.nanargmax(deviation))]
-    return max(float(np.hypot(*np.nan_to_num(two))), float(np.sqrt(2.0) * np.nan_to_num(scatter_mm)))
+    return noise_mm2, np.outer(widths[1], widths[0])
 
 
 def _coverage(alignment: Alignment, x_mm: Array, y_mm: Array, known: Mask) -> float:
@@ -263,41 +257,3 @@ def _coverage(alignment: Alignment, x_mm: Array, y_mm: Array, known: Mask) -> fl
             close = there & (np.abs(u - iu) <= 1.0) & (np.abs(v - iv) <= 1.0)
             near[close] |= known[iv[close], iu[close]]
     return float(np.count_nonzero(near & inside) / max(int(np.count_nonzero(inside)), 1))
-
-
-def _verdict(
-    judged: tuple[Statistics, ...],
-    u_pv_mm: float,
-    u_rms_mm: float,
-    coverage: float,
-    config: ErrorMapConfig,
-) -> tuple[Verdict, tuple[str, ...]]:
-    """Return the decision under the rule of ISO 14253-1: a guard band on both sides of a tolerance.
-
-    Judged is the worse of the nodes and the single points; the nodes alone where a filter was asked for.
-    """
-    outcomes, lines = [], []
-    for name, values_mm, u_mm, tolerance_um in (
-        ("PV", [s.pv_mm for s in judged], u_pv_mm, config.tolerance_pv_um),
-        ("RMS", [s.rms_mm for s in judged], u_rms_mm, config.tolerance_rms_um),
-    ):
-        if tolerance_um <= 0.0:
-            continue
-        value_um, u_um = max(values_mm) * UM_PER_MM, u_mm * UM_PER_MM
-        margin_um, guard_um = tolerance_um - value_um, config.guard_factor * u_um
-        if margin_um < 0.0 and margin_um <= -guard_um:
-            outcome = Verdict.FAIL
-        elif margin_um >= guard_um:
-            outcome = Verdict.PASS
-        else:
-            outcome = Verdict.UNDECIDED
-        outcomes.append(outcome)
-        sign = "<=" if margin_um >= 0.0 else ">"
-        lines.append(f"{name} {value_um:.4g} um {sign} {tolerance_um:.4g} um (u {u_um:.2g} um): {outcome}")
-    if outcomes and coverage < MIN_COVERAGE:
-        outcomes.append(Verdict.UNDECIDED)
-        lines.append(f"only {100.0 * coverage:.0f} % of the nominal was measured: undecided at best")
-    for verdict in (Verdict.FAIL, Verdict.UNDECIDED, Verdict.PASS):
-        if verdict in outcomes:
-            return verdict, tuple(lines)
-    return Verdict.NONE, ()

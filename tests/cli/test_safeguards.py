@@ -28,10 +28,16 @@ def test_the_verdict_is_the_first_line_and_says_what_failed(cli: Cli, made: Path
     assert "none given" in cli(*start).out
 
 
-def test_a_tolerance_in_the_wrong_unit_is_doubted(cli: Cli, made: Path) -> None:
+def test_a_tolerance_without_a_unit_is_refused_and_one_in_the_wrong_unit_is_doubted(
+    cli: Cli, made: Path
+) -> None:
     start = ["error-map", made / "part.align.h5", "-o", made / "w.map.h5", "--overwrite"]
+    bare = cli(*start, "--tolerance-pv", "10")
 
-    assert "--tolerance-pv 10um?" in cli(*start, "--tolerance-pv", "10").err
+    assert bare.code == 2
+    assert "'10' has no unit; expected 10um or 10mm" in bare.err
+    assert not (made / "w.map.h5").exists()
+    assert "is its unit right?" in cli(*start, "--tolerance-pv", "10mm").err
     assert cli(*start, "--tolerance-pv", "100um").err == ""
 
 
@@ -61,7 +67,7 @@ def test_an_earlier_correction_beside_the_map_is_not_forgotten(
 
 def test_more_is_said_when_asked(cli: Cli, made: Path) -> None:
     for command, source, word in (
-        ("error-map", "part.align.h5", "PVr"),
+        ("error-map", "part.align.h5", "ISO 10110-5"),
         ("compensate", "part.map.h5", "sum of all passes"),
     ):
         start = [command, made / source, "-o", made / "more.h5", "--overwrite"]

@@ -15,6 +15,7 @@ from cmm_align.model import (
     ChangeBand,
     ChangeRung,
     Comparison,
+    Conformance,
     Correction,
     CorrectionBand,
     CorrectionLimits,
@@ -22,12 +23,17 @@ from cmm_align.model import (
     Equidistant,
     FitReport,
     FitStep,
+    Irregularity,
+    Judgement,
     LadderRung,
+    MadeBy,
+    MapNumbers,
     Nominal,
     NominalQuality,
     PassPrediction,
     PassResponse,
     ProcessTransfer,
+    SlopeError,
     Statistics,
     Verdict,
     frozen_array,
@@ -137,6 +143,45 @@ def _statistics(seed: int) -> Statistics:
     return Statistics(17, r[0], r[1], r[2], r[3], r[4], (r[5], r[6]), (r[7], r[8]))
 
 
+def _numbers() -> MapNumbers:
+    """Every field with a value of its own; what may be unknown partly unknown."""
+    values: dict[str, Any] = {
+        field.name: 0.1 + k / 3 for k, field in enumerate(fields(MapNumbers)) if field.name.endswith("_um")
+    }
+    values |= {
+        "percentiles_um": {"0.1": -1 / 3, "99.9": 2 / 3},
+        "band_um": (-1.0, 2.0),
+        "min_at_mm": (1.0, -1 / 3),
+        "max_at_mm": (0.5, 2.0),
+    }
+    irregularity = Irregularity(*(k / 7 for k in range(len(fields(Irregularity)))))
+    return MapNumbers(
+        n_nodes=17,
+        n_points=18,
+        points_in_tolerance=0.99,
+        area_in_tolerance=None,
+        slope=SlopeError(0.1, None, 0.2, 0.3, 0.25, 1 / 3, (1.0, 2.0), 4, 3.0, "gradient"),
+        irregularity=replace(irregularity, u_b_um=None),
+        made_by=MadeBy(
+            "least-squares",
+            "smooth",
+            "foot-point",
+            "equal",
+            "area",
+            ("rz",),
+            "part",
+            1.0,
+            "",
+            "",
+            "",
+            1,
+            2,
+            "",
+        ),
+        **values,
+    )
+
+
 def _map() -> DeviationMap:
     rng = np.random.default_rng(3)
     grid = rng.normal(size=(3, 12, 40))
@@ -160,6 +205,16 @@ def _map() -> DeviationMap:
         method="local quadratic",
         window_steps=1.5,
         comparison=_comparison(),
+        numbers=_numbers(),
+        conformance=Conformance(
+            "guard-band",
+            1.65,
+            (
+                Judgement("PV", "um", 5.0, 4.9, 0.1, None, 10.0, 5.1, 1.0, "pass", "PV 5 um <= 10 um: pass"),
+                Judgement("band", "um", -0.1, -0.2, 0.1, -3.0, 5.0, 0.2, 0.97, "undecided", "band: open"),
+            ),
+            0.97,
+        ),
     )
 
 
