@@ -14,7 +14,7 @@ from cmm_align.cli.exporting import HEADINGS, exporting_options, with_options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.config import GAIN_RULES, CompensateConfig, ExportConfig
-from cmm_align.errors import InputError, UsageError, WrongStageError
+from cmm_align.errors import InputError, OutputError, UsageError, WrongStageError
 from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def make_correction(
     """
     from cmm_align import io
     from cmm_align.cli import cautions, exporting, opening, record, results
-    from cmm_align.io.atomic import atomic_path
+    from cmm_align.cli.drawing import try_one
     from cmm_align.io.schema import CORRECTION, MAP
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
@@ -180,17 +180,19 @@ def make_correction(
     io.write(correction, output, steps, overwrite=job.overwrite)
     for path, one in exports:
         one.write(path, overwrite=job.overwrite)
-    if picture:
+
+    def draw(path: Path) -> None:
         from cmm_align.report.correction_picture import draw_correction
 
-        with atomic_path(drawing, job.overwrite) as path:
-            name = beside(map_file, "").name
-            draw_correction(correction, path, title=f"{name}: correction to grind", source=map_file.name)
+        name = beside(map_file, "").name
+        draw_correction(correction, path, title=f"{name}: correction to grind", source=map_file.name)
+
+    faults = try_one(draw, drawing, overwrite=job.overwrite) if picture else []
     return Outcome(
         command=job.command,
         noun=correction,
         inputs=steps[-1].inputs,
-        outputs=outputs,
+        outputs=[path for path in outputs if not faults or path != drawing],
         result=results.of_correction(correction, plan.paths) | exporting.result(wheel, depth),
         rows=[
             *summary.of_correction(correction),
@@ -198,10 +200,11 @@ def make_correction(
             results.probe_row(correction.nominal),
         ],
         details=summary.details_of_correction(correction),
-        warnings=[*cautions.of_correction(correction), *exporting.warnings(wheel)],
+        warnings=[*faults, *cautions.of_correction(correction), *exporting.warnings(wheel)],
         advice=f"grind {plan.paths[0].name}, measure the part again, and keep {output.name}: the "
         "compensation after that one takes it with --previous",
         next_command=typed("cmm-align", "align", "MEASURED", _nominal_of(steps)),
+        exit_code=OutputError.exit_code if faults else 0,
     )
 
 

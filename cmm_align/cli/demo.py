@@ -59,10 +59,9 @@ def run_demo(job: Job, folder: Path) -> Outcome:
     """
     from cmm_align import files
     from cmm_align.cli.compensate import make_correction
+    from cmm_align.cli.drawing import try_one
     from cmm_align.cli.offset import make_nominal
     from cmm_align.cli.results import of_statistics
-    from cmm_align.io.atomic import atomic_path
-    from cmm_align.report.series_picture import draw_series
     from cmm_align.virtual.form_error import form_error
     from cmm_align.virtual.grinder import second_pass
     from cmm_align.virtual.window import TIP_RADIUS_MM, window
@@ -85,14 +84,24 @@ def run_demo(job: Job, folder: Path) -> Outcome:
         seed=5,
     )
     picture = folder / "before-after.png"
-    with atomic_path(picture, overwrite=True) as path:
+
+    def draw(path: Path) -> None:
+        from cmm_align.report.series_picture import draw_series
+
         draw_series([("first pass", before), ("second pass", after)], path)
+
+    faults = try_one(draw, picture, overwrite=True)
     first, second = before.statistics, after.statistics
     return Outcome(
         command=job.command,
         noun=(before, after),
         inputs=[],
-        outputs=[picture, *sorted(path for path in folder.iterdir() if path != picture)],
+        outputs=[
+            *([] if faults else [picture]),
+            *sorted(path for path in folder.iterdir() if path != picture),
+        ],
+        warnings=faults,
+        exit_code=OutputError.exit_code if faults else 0,
         result={
             "before": of_statistics(first),
             "after": of_statistics(second),

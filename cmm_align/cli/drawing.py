@@ -214,6 +214,22 @@ def attempt(drawing: Callable[[Path], None], path: Path, *, overwrite: bool) -> 
     return ""
 
 
+def try_one(drawing: Callable[[Path], None], path: Path, *, overwrite: bool) -> list[str]:
+    """Draw one picture; return a warning where it could not be drawn, or none.
+
+    Parameters
+    ----------
+    drawing : callable
+        Writes to the path that it is given; imports what it needs itself.
+    path : Path
+        The picture.
+    overwrite : bool
+        Whether it may be replaced.
+    """
+    fault = attempt(drawing, path, overwrite=overwrite)
+    return [not_drawn([named(path)], fault)] if fault else []
+
+
 def named(path: Path) -> str:
     """Return the name of a picture that failed, with a word on an older one that is still there."""
     return f"{path.name} (the one that is there is older than these numbers)" if path.exists() else path.name

@@ -139,9 +139,9 @@ def make_nominal(
     """
     from cmm_align import files, io
     from cmm_align.cli import cautions, opening, record, results
-    from cmm_align.errors import WrongStageError
+    from cmm_align.cli.drawing import try_one
+    from cmm_align.errors import OutputError, WrongStageError
     from cmm_align.formats import Hints
-    from cmm_align.io.atomic import atomic_path
     from cmm_align.model import Nominal
     from cmm_align.report import summary
     from cmm_align.stages.offset import offset
@@ -170,32 +170,38 @@ def make_nominal(
     measuring = plan(nominal, config) if with_plan else None
     io.write(nominal, output, steps, overwrite=job.overwrite)
     title = beside(source, "").name
-    if plot:
+
+    def draw(path: Path) -> None:
         from cmm_align.report.nominal_picture import draw_nominal
 
-        with atomic_path(drawing, job.overwrite) as path:
-            draw_nominal(nominal, path, title, config.feature_curvature_per_mm, source.name)
+        draw_nominal(nominal, path, title, config.feature_curvature_per_mm, source.name)
+
+    faults = try_one(draw, drawing, overwrite=job.overwrite) if plot else []
+    missing = [drawing] if faults else []
     result, rows = results.of_nominal(nominal), summary.of_nominal(nominal)
     if measuring is not None:
         _write_plan(job, measuring, plan_text)
         result["plan"] = results.of_plan(measuring, plan_text)
         rows += results.rows_of_plan(measuring)
-        if plot:
+        places_mm, dense, numbers = measuring.places_mm, measuring.dense, results.head_of_plan(measuring)
+
+        def draw_points(path: Path) -> None:
             from cmm_align.report.plan_picture import draw_plan
 
-            with atomic_path(plan_drawing, job.overwrite) as path:
-                numbers = results.head_of_plan(measuring)
-                headline = f"{title}: measuring plan"
-                draw_plan(nominal, measuring.places_mm, measuring.dense, numbers, path, headline, source.name)
+            draw_plan(nominal, places_mm, dense, numbers, path, f"{title}: measuring plan", source.name)
+
+        more = try_one(draw_points, plan_drawing, overwrite=job.overwrite) if plot else []
+        faults, missing = [*faults, *more], [*missing, *([plan_drawing] if more else [])]
     return Outcome(
         command=job.command,
         noun=nominal,
         inputs=steps[-1].inputs,
-        outputs=outputs,
+        outputs=[path for path in outputs if path not in missing],
         result=result,
         rows=rows,
-        warnings=cautions.of_nominal(nominal),
+        warnings=[*faults, *cautions.of_nominal(nominal)],
         next_command=typed("cmm-align", "align", "MEASURED", output),
+        exit_code=OutputError.exit_code if faults else 0,
     )
 
 

@@ -66,10 +66,15 @@ def test_a_wrong_wish_is_refused_before_anything_is_written(options, words, cli,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_numbers_come_out_where_no_picture_can_be_drawn(cli, made, tmp_path, monkeypatch):
+@pytest.fixture
+def _no_matplotlib(monkeypatch):
     for name in [name for name in sys.modules if name.startswith("cmm_align.report.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
+
+
+@pytest.mark.usefixtures("_no_matplotlib")
+def test_the_numbers_come_out_where_no_picture_can_be_drawn(cli, made, tmp_path):
     out = tmp_path / "part.map.h5"
     result = cli("error-map", made / "part.align.h5", "-o", out, "--json", "--pictures", "map,ladder")
     assert result.code == 8
@@ -119,3 +124,20 @@ def test_a_cutoff_that_cannot_be_is_refused_with_both_limits(cli, made, tmp_path
         assert "(sampling: 4 spacings) to" in result.err
         assert "mm (the part)" in result.err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("_no_matplotlib")
+@pytest.mark.parametrize(
+    ("command", "source", "name", "others"),
+    [
+        (("compensate",), "part.map.h5", "a.comp", {".xyz"}),
+        (("offset", "--tip-radius", "1.5", "--plot"), "nominal.toml", "a", set()),
+    ],
+)
+def test_so_do_the_files_of_other_stages(command, source, name, others, cli, made, sample_data, tmp_path):
+    folder = made if (made / source).exists() else sample_data
+    result = cli(command[0], folder / source, *command[1:], "-o", tmp_path / f"{name}.h5", "--json")
+    assert result.code == 8, result.err
+    assert f"{name}.png not drawn: ModuleNotFoundError" in result.json["warnings"][0]
+    assert {path.name for path in tmp_path.iterdir()} == {f"{name}{s}" for s in (".h5", *others)}
+    assert result.json["outputs"] == [str(tmp_path / f"{name}{s}") for s in (".h5", *others)]
