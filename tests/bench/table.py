@@ -35,6 +35,7 @@ class ProcessCost:
 
     seconds: float
     peak_mb: float
+    processor_s: float = 0.0
 
 
 def run_process(*arguments: str, repeats: int = 3) -> ProcessCost:
@@ -43,16 +44,16 @@ def run_process(*arguments: str, repeats: int = 3) -> ProcessCost:
         "import sys, time, resource, subprocess\n"
         "start = time.perf_counter()\n"
         "subprocess.run([sys.executable, '-m', 'cmm_align', *sys.argv[1:]], check=True)\n"
-        "peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024\n"
-        "print('cost', time.perf_counter() - start, peak)\n"
+        "wall = time.perf_counter() - start\n"
+        "used = resource.getrusage(resource.RUSAGE_CHILDREN)\n"
+        "print('cost', wall, used.ru_maxrss / 1024, used.ru_utime + used.ru_stime)\n"
     )
     costs = []
     for _ in range(repeats):
         done = subprocess.run(
             [sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True
         )
-        _, seconds, peak = done.stdout.strip().splitlines()[-1].split()
-        costs.append(ProcessCost(float(seconds), float(peak)))
+        costs.append(ProcessCost(*(float(word) for word in done.stdout.strip().splitlines()[-1].split()[1:])))
     return min(costs, key=lambda cost: cost.seconds)
 
 
