@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
+from source_trees import nodes_of, text_of, tree_of
 
 import cmm_align
 from cmm_align import errors
@@ -65,6 +67,7 @@ def room_of(path: Path) -> str:
     return inside.parts[0] if len(inside.parts) > 1 else inside.stem
 
 
+@cache
 def imports_of(path: Path, *, at_import: bool = False) -> set[str]:
     """Return the modules a file imports; with `at_import` only those that importing it loads."""
     found: set[str] = set()
@@ -85,7 +88,7 @@ def imports_of(path: Path, *, at_import: bool = False) -> set[str]:
                     found.update(f"{module}.{alias.name}" for alias in child.names)
             walk(child)
 
-    walk(ast.parse(path.read_text(encoding="utf-8")))
+    walk(tree_of(path))
     return found
 
 
@@ -151,7 +154,7 @@ def test_stages_are_pure() -> None:
     for room in ("stages", "numerics", "surfaces"):
         for path in (PACKAGE / room).rglob("*.py"):
             tops = {name.split(".")[0] for name in imports_of(path)}
-            text = path.read_text(encoding="utf-8")
+            text = text_of(path)
 
             assert tops.isdisjoint(banned), f"{path.name}: {sorted(tops & banned)}"
             drawn = re.findall(r"numpy\.random import (.*)|(np\.random)", text)
@@ -193,13 +196,12 @@ def test_no_cycles_between_modules() -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_a_file_is_small_and_has_no_loose_ends(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
-    tree = ast.parse(text)
-    calls = [n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+    text = text_of(path)
+    calls = [n.func.id for n in nodes_of(path) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
 
     assert len(text.splitlines()) <= MOST_LINES
     assert "print" not in calls
-    assert not any(isinstance(node, ast.Assert) for node in ast.walk(tree)), (
+    assert not any(isinstance(node, ast.Assert) for node in nodes_of(path)), (
         "an assert is not an error message"
     )
     assert not re.search(r"\b(TODO|FIXME|XXX)\b", text)
@@ -224,9 +226,8 @@ def test_conversion_factors_live_in_units_only() -> None:
     for path in FILES:
         if path.name == "units.py":
             continue
-        code = ast.parse(path.read_text(encoding="utf-8"))
         numbers = [
-            n.value for n in ast.walk(code) if isinstance(n, ast.Constant) and isinstance(n.value, float)
+            n.value for n in nodes_of(path) if isinstance(n, ast.Constant) and isinstance(n.value, float)
         ]
 
         assert 25.4 not in numbers, path.name

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 import pytest
+from source_trees import tree_of
 
 import cmm_align
 from cmm_align.cli.main import COMMANDS
@@ -37,7 +38,7 @@ def public_objects(path: Path) -> list[tuple[str, ast.FunctionDef | ast.ClassDef
                 if isinstance(node, ast.ClassDef):
                     walk(node.body, f"{prefix}{node.name}.")
 
-    walk(ast.parse(path.read_text(encoding="utf-8")).body, "")
+    walk(tree_of(path).body, "")
     return found
 
 
@@ -66,7 +67,7 @@ def test_the_group_lists_every_command_without_importing_them() -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_everything_public_has_a_docstring(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     if tree.body:
         assert ast.get_docstring(tree), "no module docstring"
 
