@@ -110,6 +110,9 @@ def parsed(
 def limits_of(config: ErrorMapConfig, drawings: Drawings) -> Limits | None:
     """Return the limits of single deviations that the tolerances give; None without one.
 
+    Those of a band where there is one; else half of the profile (ISO 1101: a zone about the nominal) or of PV
+    on either side.
+
     Raises
     ------
     UsageError
@@ -121,9 +124,13 @@ def limits_of(config: ErrorMapConfig, drawings: Drawings) -> Limits | None:
     if config.tolerance_profile_um > 0.0:
         half = 0.5 * config.tolerance_profile_um
         return Limits(-half, half, f"profile {config.tolerance_profile_um:g} µm")
-    if config.tolerance_pv_um > 0.0:
-        half = 0.5 * config.tolerance_pv_um
-        return Limits(-half, half, f"half of PV {config.tolerance_pv_um:g} µm either side")
+    low_um, high_um = config.tolerance_band_lower_um, config.tolerance_band_upper_um
+    if low_um < high_um:
+        return Limits(low_um, high_um)
+    for name, width_um in (("profile", config.tolerance_profile_um), ("PV", config.tolerance_pv_um)):
+        if width_um > 0.0:
+            half_um = 0.5 * width_um
+            return Limits(-half_um, half_um, f"half of {name} {width_um:g} µm either side")
     if "bands" in drawings.names and not drawings.every:
         raise UsageError(
             "the picture bands has no limits to show",
@@ -182,7 +189,7 @@ def draw_all(
 def nothing_to_show(name: str, deviation_map: DeviationMap, wishes: Wishes) -> str:
     """Return why a map cannot have a picture, or nothing."""
     if name == "bands" and wishes.limits is None:
-        return "no tolerance of single deviations is given (--tolerance-pv)"
+        return "no tolerance of single deviations is given (a band, profile or PV)"
     spectrum = deviation_map.spectrum
     return spectrum.missing if name == "psd" and spectrum is not None else ""
 

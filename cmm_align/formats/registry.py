@@ -34,6 +34,7 @@ from cmm_align.surfaces.prescription import PrescriptionSurface
 
 NominalSource: TypeAlias = PointSet | PrescriptionSurface | TriangleMesh | NurbsSurface
 
+
 class Format(NamedTuple):
     """A kind of file that can be read."""
 

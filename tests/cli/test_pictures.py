@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from cmm_align.cli import drawing
+from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import UsageError
 from cmm_align.report.pictures import PICTURES
 
@@ -114,7 +115,7 @@ def test_all_leaves_out_what_a_map_cannot_have_and_says_so(cli, made, tmp_path):
     assert result.result["spectrum"]["missing"]
     bands = cli("error-map", made / "part.align.h5", "-o", out, "--overwrite", "--pictures", "bands")
     assert bands.code == 2
-    assert "add --tolerance-pv" in bands.err
+    assert "or --tolerance-pv 10um" in bands.err
 
 
 def test_a_cutoff_that_cannot_be_is_refused_with_both_limits(cli, made, tmp_path):
@@ -141,3 +142,20 @@ def test_so_do_the_files_of_other_stages(command, source, name, others, cli, mad
     assert f"{name}.png not drawn: ModuleNotFoundError" in result.json["warnings"][0]
     assert {path.name for path in tmp_path.iterdir()} == {f"{name}{s}" for s in (".h5", *others)}
     assert result.json["outputs"] == [str(tmp_path / f"{name}{s}") for s in (".h5", *others)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "limits"),
+    [
+        ({"tolerance_pv_um": 10.0}, (-5.0, 5.0)),
+        ({"tolerance_pv_um": 10.0, "tolerance_profile_um": 6.0}, (-3.0, 3.0)),
+        (
+            {"tolerance_profile_um": 6.0, "tolerance_band_lower_um": -1.0, "tolerance_band_upper_um": 4.0},
+            (-1.0, 4.0),
+        ),
+        ({"tolerance_rms_um": 1.0}, None),
+    ],
+)
+def test_the_limits_of_the_pictures_are_those_of_the_plainest_tolerance(settings, limits):
+    found = drawing.limits_of(ErrorMapConfig(**settings), drawing.Drawings())
+    assert (None if found is None else (found.low_um, found.high_um)) == limits
