@@ -135,6 +135,9 @@ class ErrorMapConfig:
     """Take waves longer than this away; 0 keeps them."""
     picture_scale_um: float = 0.0
     """Colours and axes of all pictures reach from minus to plus this; 0 for what each map needs."""
+    cause_axis: str = ""
+    """Axis of rotation of the grinding machine, "x, y" in the frame of the map, for root causes; the centre
+    of the aperture by default."""
     tolerance_pv_um: float = 0.0
     """Tolerance on PV; 0 gives no verdict."""
     tolerance_rms_um: float = 0.0

@@ -45,6 +45,9 @@ MRAD_PER_RAD: Final = 1e3
 URAD_PER_RAD: Final = 1e6
 DEG_PER_RAD: Final = 180.0 / math.pi
 RAD_PER_DEG: Final = math.pi / 180.0
+ARCSEC_PER_RAD: Final = 3600.0 * DEG_PER_RAD
+PPM: Final = 1e6
+"""Parts per million in one."""
 
 _LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµμ]*)\s*")
 _ANGLE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµμ/]*)\s*")

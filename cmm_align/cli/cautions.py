@@ -128,6 +128,18 @@ def of_map(deviation_map: DeviationMap) -> list[str]:
     return texts
 
 
+def of_causes(deviation_map: DeviationMap) -> list[str]:
+    """Return what to put right before a map is compensated."""
+    found = deviation_map.root_causes
+    cause = None if found is None else found.dominant
+    if cause is None:
+        return []
+    return [
+        f"a single cause may explain most of this map: {cause.words}; "
+        "a correction would grind it into a freeform"
+    ]
+
+
 def of_tolerances(deviation_map: DeviationMap) -> list[str]:
     """Return what to know about tolerances that are far from what was measured."""
     judged = deviation_map.conformance.judgements if deviation_map.conformance is not None else ()

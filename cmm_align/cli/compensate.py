@@ -200,7 +200,12 @@ def make_correction(
             results.probe_row(correction.nominal),
         ],
         details=summary.details_of_correction(correction),
-        warnings=[*faults, *cautions.of_correction(correction), *exporting.warnings(wheel)],
+        warnings=[
+            *faults,
+            *cautions.of_causes(deviation_map),
+            *cautions.of_correction(correction),
+            *exporting.warnings(wheel),
+        ],
         advice=f"grind {plan.paths[0].name}, measure the part again, and keep {output.name}: the "
         "compensation after that one takes it with --previous",
         next_command=typed("cmm-align", "align", "MEASURED", _nominal_of(steps)),

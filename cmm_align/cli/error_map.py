@@ -77,6 +77,11 @@ own "error map" of 21 geometric components is another thing.)
 @click.option("--low-pass", type=Length(), metavar="L", help="Take waves shorter than L away.")
 @click.option("--high-pass", type=Length(), metavar="L", help="Take waves longer than L away.")
 @click.option(
+    "--cause-axis",
+    metavar="X,Y",
+    help="Axis of rotation when it was ground, for root causes.  [default: centre of the aperture]",
+)
+@click.option(
     "--pictures",
     metavar="LIST",
     help=f"What to draw, with commas: {', '.join(PICTURES)}; or all.  [default: map]",
@@ -141,6 +146,7 @@ def command(
     kind: str | None,
     low_pass: float | None,
     high_pass: float | None,
+    cause_axis: str | None,
     pictures: str | None,
     formats: tuple[str, ...],
     sections: tuple[str, ...],
@@ -181,6 +187,8 @@ def command(
         low_pass_mm=config.low_pass_mm if low_pass is None else low_pass,
         high_pass_mm=config.high_pass_mm if high_pass is None else high_pass,
     )
+    if cause_axis is not None:
+        config = replace(config, cause_axis=cause_axis)
     if scale is not None:
         config = replace(config, picture_scale_um=scale * UM_PER_MM)
     if pass_number is not None and not card:

@@ -240,6 +240,7 @@ def of_map(deviation_map: DeviationMap) -> dict[str, Any]:
             for rung in deviation_map.ladder
         ],
         "low_orders": None if deviation_map.low_orders is None else asdict(deviation_map.low_orders),
+        "root_causes": None if deviation_map.root_causes is None else asdict(deviation_map.root_causes),
         "numbers": None if deviation_map.numbers is None else asdict(deviation_map.numbers),
         "conformance": None if deviation_map.conformance is None else asdict(deviation_map.conformance),
         "filter": None if deviation_map.filter is None else asdict(deviation_map.filter),

@@ -21,6 +21,7 @@ from cmm_align.model import (
     LowOrders,
     MapFilter,
     MapNumbers,
+    RootCauses,
     Spectrum,
     Statistics,
     Verdict,
@@ -45,6 +46,8 @@ def write_body(file: h5py.File, noun: DeviationMap) -> None:
         write_record(file.create_group("low_orders"), noun.low_orders)
     if noun.comparison is not None:
         write_comparison(file, noun.comparison)
+    if noun.root_causes is not None:
+        write_record(file.create_group("root_causes"), noun.root_causes)
     if noun.spectrum is not None:
         write_record(file.create_group("spectrum"), noun.spectrum)
     for name in ("numbers", "conformance"):
@@ -112,6 +115,7 @@ def read_body(file: h5py.File) -> DeviationMap:
         method=attribute(file, "/grid", "method") if told else "",
         window_steps=attribute(file, "/grid", "window_steps", float) if told else 0.0,
         low_orders=_optional(file, "/low_orders", LowOrders),
+        root_causes=_optional(file, "/root_causes", RootCauses),
         filter=_optional(file, "/filter", MapFilter),
         comparison=None if find(file, "/comparison") is None else read_comparison(file),
         spectrum=_optional(file, "/spectrum", Spectrum),

@@ -45,6 +45,7 @@ from cmm_align.model.results import (
     LadderRung,
     MapFilter,
 )
+from cmm_align.model.root_causes import RootCauses
 from cmm_align.model.spectrum import Band, Spectrum
 from cmm_align.model.statistics import Statistics, Verdict
 
@@ -91,6 +92,7 @@ __all__ = [
     "PoseKnowledge",
     "ProcessTransfer",
     "RemovedMotion",
+    "RootCauses",
     "SlopeError",
     "Spectrum",
     "Spread",

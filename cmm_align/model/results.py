@@ -14,6 +14,7 @@ from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.map_numbers import MapNumbers
 from cmm_align.model.nominal import Nominal
 from cmm_align.model.points import IntArray
+from cmm_align.model.root_causes import RootCauses
 from cmm_align.model.spectrum import Spectrum
 from cmm_align.model.statistics import Statistics, Verdict
 from cmm_align.pose import Pose
@@ -146,6 +147,8 @@ class DeviationMap:
         What the form error consists of; None in files of older versions.
     comparison : Comparison or None
         What changed since an earlier measurement, where one was given.
+    root_causes : RootCauses or None
+        Single settings that explain it, of the points as they are; None in files of older versions.
     spectrum : Spectrum or None
         Which wavelengths it has, or why that cannot be told; None in files of older versions.
     numbers : MapNumbers or None
@@ -174,6 +177,7 @@ class DeviationMap:
     filter: MapFilter | None = None
     low_orders: LowOrders | None = None
     comparison: Comparison | None = None
+    root_causes: RootCauses | None = None
     spectrum: Spectrum | None = None
     numbers: MapNumbers | None = None
     conformance: Conformance | None = None

@@ -5,7 +5,7 @@
   `outliers`, `rotations`, `moments`, `free_offset`, `free_scale`, `helpful_points`; from any start: `pose_*`;
   to the minimum zone: `minimum_zone`, `zone_*`; of the literature: `icp_*`, `reference_*`; errors of a
   machine: `machine_error`.
-- Maps: `local_regression`, `grid_field`, `aperture_basis`, `point_density`; waves: `areal_filter` (Gaussian
-  regression, bands), `local_gaussian`, `areal_spline_filter`, `spectral_density`.
+- Maps: `local_regression`, `grid_field`, `aperture_basis`, `point_density`, `correlated_fit`; waves:
+  `areal_filter` (Gaussian regression, bands), `local_gaussian`, `areal_spline_filter`, `spectral_density`.
 - Clouds without a nominal: `local_normals`.
 """

@@ -35,6 +35,7 @@ PICTURES: Final[dict[str, Picture]] = {
         "deviation with its uncertainty along chosen lines", ("scale_um", "limits", "sections")
     ),
     "ladder": Picture("PV and RMS of what is left without the low orders"),
+    "causes": Picture("what single settings explain, with intervals"),
     "psd": Picture("spectral density over wavelengths, with the noise of the points"),
     "relief": Picture("deviations as heights, seen from one side", ("scale_um",)),
     "outliers": Picture("where the points are that did not steer the fit, and why"),

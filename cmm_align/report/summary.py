@@ -12,6 +12,7 @@ from cmm_align.model import (
     DeviationMap,
     LadderRung,
     Nominal,
+    RootCauses,
     Statistics,
     Verdict,
 )
@@ -87,6 +88,8 @@ def of_map(deviation_map: DeviationMap) -> Rows:
         rows.append(("coverage", f"{as_percent(m.coverage)} of the {whole}, by {p.n} points"))
     if m.low_orders is not None:
         rows.append(("form", m.low_orders.words))
+    if m.root_causes is not None:
+        rows += [("cause", cause.words) for cause in m.root_causes.relevant]
     if m.filter is not None:
         rows.append(("filter", f"{m.filter.words}; single points are not filtered"))
     rows.append(("grid", f"{s.n} of {nx} x {ny} nodes, {as_length(m.spacing_mm)} apart"))
@@ -103,6 +106,7 @@ def details_of_map(deviation_map: DeviationMap) -> Rows:
         ("lowest point", f"{extreme(p.min_mm)} at {at_place(p.min_at_mm)}"),
         *(_rung(rung) for rung in m.ladder[1:] if rung.removed != "+ power"),
         *_ways_of_map(m),
+        *_causes(m.root_causes),
     ]
 
 
@@ -127,6 +131,27 @@ def _ways_of_map(m: DeviationMap) -> Rows:
     else:
         more = "and what the machine's simulated errors have in common"
     rows.append(("u of the RMS", f"{holds}; {more}"))
+    return rows
+
+
+def _causes(found: RootCauses | None) -> Rows:
+    """Return every cause with its numbers, and what was looked for."""
+    if found is None:
+        return []
+    if not found.causes:
+        return [("causes", found.words)]
+    rows = []
+    for cause in found.causes:
+        angle = "" if cause.angle_deg is None else f", lobe at {cause.angle_deg:.0f} deg"
+        shown = cause.words if cause not in found.relevant else cause.name
+        rows.append(("cause", f"{shown}{angle}; RMS without it {cause.rms_without_um:.3g} um; {cause.sign}"))
+        for m in cause.alternatives:
+            value = f"{m.value:+.3g} {m.unit} (u {m.u:.2g})"
+            less = f"{m.times_less_likely:.3g} times less likely"
+            rows.append(("", f"or {m.name} {value}, {less}; {m.sign}"))
+    rows.append(("without causes", f"RMS {found.rms_without_um:.3g} um of {found.rms_um:.3g} um"))
+    if found.hidden:
+        rows.append(("hidden", f"{', '.join(found.hidden)}: a rigid motion takes them away on this part"))
     return rows
 
 

@@ -38,6 +38,7 @@ from cmm_align.stages.map_numbers import Band, map_numbers
 from cmm_align.stages.map_spectrum import map_spectrum
 from cmm_align.stages.noise_shares import Measured, noise_shares, with_noise
 from cmm_align.stages.report_region import reported_in
+from cmm_align.stages.root_causes import axis_from_text, root_causes
 from cmm_align.stages.verdict import band_of, check_tolerances, judge
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Mask
@@ -77,11 +78,12 @@ def error_map(
     GeometryError
         If no point carries a deviation, or lies in the report region, or the points span no area.
     UsageError
-        If the report region or a tolerance is none, or the spacing asked for gives more than
-        `config.max_nodes` along the longer side.
+        If the report region or a tolerance is none, the axis of rotation is not two lengths, or the spacing
+        asked for gives more than `config.max_nodes` along the longer side.
     """
     check_tolerances(config)
     nominal = alignment.nominal
+    axis_mm = axis_from_text(config.cause_axis)
     if config.report_region:
         region = region_from_text(config.report_region, nominal.surface, "report_region")
         alignment = reported_in(alignment, region)
@@ -157,6 +159,7 @@ def error_map(
         filter=used_filter,
         spectrum=spectrum,
         low_orders=found,
+        root_causes=root_causes(alignment, axis_mm),
         numbers=numbers,
         conformance=conformance,
     )

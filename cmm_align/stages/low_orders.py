@@ -27,7 +27,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.config import AlignConfig
 from cmm_align.model import Alignment
 from cmm_align.model.low_orders import Kind, LowOrders, Rung, Term
 from cmm_align.numerics.aperture_basis import (
@@ -42,7 +41,7 @@ from cmm_align.numerics.aperture_basis import (
 from cmm_align.numerics.chunked import chunks
 from cmm_align.numerics.linearisation import even_sample
 from cmm_align.numerics.machine_error import error_factors, machine_error
-from cmm_align.numerics.observability import spectrum
+from cmm_align.stages.told_motions import motion_columns
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.units import DEG_PER_RAD, UM_PER_MM, parse_mpe
@@ -187,7 +186,7 @@ def ladder_base(
         alignment, x_mm, y_mm, deviation_mm, np.ones(known.shape) if weights is None else weights
     )
     outline = outline_of(x_mm, y_mm, known)
-    motions = _motion_columns(alignment, nodes)
+    motions = motion_columns(alignment, nodes.points_mm, nodes.normals)
     n, n_rigid = len(nodes.deviation_mm), motions.shape[1]
     ends = (0, n_rigid, *(n_rigid + count for _, count in _RUNGS))
     carried = max(end for end in ends if end * NODES_PER_TERM <= n)
@@ -213,17 +212,6 @@ def _on_nominal(
         deviation_mm[known],
         weights[known] / weights[known].mean(),
     )
-
-
-def _motion_columns(alignment: Alignment, nodes: _Nodes) -> Array:
-    """Return what the motions that the surface can tell change in the deviations, shape (n, up to 6)."""
-    arm = nodes.points_mm - nodes.points_mm.mean(axis=0)
-    length = float(np.sqrt(np.mean(np.sum(arm**2, axis=1)))) or 1.0
-    rows = np.hstack([np.cross(arm, nodes.normals) / length, nodes.normals])
-    spectral = spectrum(rows.T @ rows / len(rows), AlignConfig().min_observability)
-    named = np.arange(6) < len(alignment.report.unobservable)
-    kept = spectral.motions[:, ~(spectral.free | named)]
-    return np.asarray(rows @ kept[:, ::-1], dtype=np.float64)
 
 
 def _coefficients(q: Array, nodes: _Nodes, noise_mm2: Array) -> tuple[Array, Array]:

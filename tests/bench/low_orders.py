@@ -21,7 +21,8 @@ from cmm_align.numerics.aperture_basis import (
 from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import local_regression
 from cmm_align.stages.error_map import error_map
-from cmm_align.stages.low_orders import _motion_columns, _on_nominal, low_orders
+from cmm_align.stages.low_orders import _on_nominal, low_orders
+from cmm_align.stages.told_motions import motion_columns
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from truth_maps import WINDOW, Quadric, aligned, form_error_mm, random_places
@@ -46,7 +47,7 @@ def to_points(bare, x, y, known, weights, places):
     field = np.where(known, 0.0, np.nan)
     nodes = _on_nominal(bare, x, y, field, weights)
     shapes = low_order_shapes(outline_of(x, y, known), *nodes.points_mm.T[:2])
-    raw = np.hstack([_motion_columns(bare, nodes), shapes.columns])
+    raw = np.hstack([motion_columns(bare, nodes.points_mm, nodes.normals), shapes.columns])
     root = np.sqrt(nodes.weight)[:, None]
     q, fresh = orthonormalised(raw * root)
     q /= root

@@ -33,11 +33,13 @@ from cmm_align.model import (
     PassPrediction,
     PassResponse,
     ProcessTransfer,
+    RootCauses,
     SlopeError,
     Statistics,
     Verdict,
     frozen_array,
 )
+from cmm_align.model.root_causes import Cause, Member
 from cmm_align.pose import Pose, rotation_from_vector
 from cmm_align.provenance import InputFile, Step
 from cmm_align.surfaces.spline_surface import SplineSurface
@@ -182,6 +184,12 @@ def _numbers() -> MapNumbers:
     )
 
 
+def _cause() -> Cause:
+    other = Member("stylus radius", 3.0, 0.25, "um", None, "+ = add to the radius that was entered", 1.0)
+    numbers = (0.75, 0.125, 1.25, 0.5, 1e12)
+    return Cause("wheel radius", -3.0, 0.25, "um", None, 2.5, "+", "set that first", *numbers, (other,))
+
+
 def _map() -> DeviationMap:
     rng = np.random.default_rng(3)
     grid = rng.normal(size=(3, 12, 40))
@@ -204,6 +212,7 @@ def _map() -> DeviationMap:
         verdict_lines=("PV 4.95 um <= 10 um: pass",),
         method="local quadratic",
         window_steps=1.5,
+        root_causes=RootCauses((_cause(),), "", ("wheel radius",), (), 1.5, 0.5, 400, 256, 12.5, (0.5, -1.0)),
         comparison=_comparison(),
         numbers=_numbers(),
         conformance=Conformance(
