@@ -23,7 +23,7 @@ from cmm_align.files import write_points
 from cmm_align.report.map_picture import draw_map
 from cmm_align.virtual.cmm import machine_from_part, scan_lines, tip_centres
 from cmm_align.virtual.form_error import form_error
-from cmm_align.virtual.grinder import second_pass
+from cmm_align.virtual.grinder import grind
 from cmm_align.virtual.window import PRESCRIPTION, TIP_RADIUS_MM, window, window_grid
 
 SPACING_MM = 0.6
@@ -59,7 +59,7 @@ def main() -> None:
                 correction = make_correction(
                     job, mapped.outputs[0], job.config.compensate, first_pass=True, picture=False
                 )
-                deviation_at = second_pass(surface, error.at, commanded_points(correction.noun))
+                deviation_at = grind(surface, error.at, commanded_points(correction.noun))
         mirror = map_of(
             job,
             Path("mirror_m2/points.csv"),

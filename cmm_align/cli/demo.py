@@ -63,7 +63,7 @@ def run_demo(job: Job, folder: Path) -> Outcome:
     from cmm_align.cli.offset import make_nominal
     from cmm_align.cli.results import of_statistics
     from cmm_align.virtual.form_error import form_error
-    from cmm_align.virtual.grinder import second_pass
+    from cmm_align.virtual.grinder import grind
     from cmm_align.virtual.window import TIP_RADIUS_MM, window
 
     make_folder(folder, overwrite=job.overwrite)
@@ -80,7 +80,7 @@ def run_demo(job: Job, folder: Path) -> Outcome:
         job,
         folder / "part2.csv",
         nominal.outputs[0],
-        second_pass(surface, truth.at, commanded.points_mm),
+        grind(surface, truth.at, commanded.points_mm),
         seed=5,
     )
     picture = folder / "before-after.png"

@@ -80,6 +80,8 @@ class CorrectionBand:
         Shortest wave that the wheel can cut into the surface; 0 if its radius is not known.
     frequency_per_mm, gain : tuple of float
         Gain by frequency, low-pass included.
+    cutoff_mm, share : tuple of float
+        Of the Gaussian regressions whose sum is the filter, gain included; a single one for a fixed gain.
     words : str
         The same as a sentence.
     """
@@ -91,6 +93,8 @@ class CorrectionBand:
     wheel_mm: float
     frequency_per_mm: tuple[float, ...]
     gain: tuple[float, ...]
+    cutoff_mm: tuple[float, ...]
+    share: tuple[float, ...]
     words: str
 
 

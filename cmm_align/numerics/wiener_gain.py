@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.numerics.areal_filter import Spacing, spacings
+from cmm_align.numerics.areal_filter import Spacing, gaussian_transmission, spacings
 from cmm_align.numerics.smooth_extension import extended
 from cmm_align.numerics.spectral_density import RadialPsd
 
@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 ENOUGH_FREEDOM: Final = 40.0
 """Independent values behind each entry of the averaged spectrum: it scatters by a fifth of itself."""
+
+SURE: Final = 2.0
+"""Standard deviations of its power over that of noise, from which a ring is said to hold form."""
 
 CLEAR_OF_NOISE: Final = 2.0
 """A wave stands out where the map has this many times the power of the noise: S_e > S_noise."""
@@ -64,23 +67,27 @@ def averaged_psd_mm4(psd: RadialPsd) -> Array:
     return np.asarray(np.exp(result))
 
 
-def wiener_share(psd: RadialPsd) -> Array:
-    """Return the share of form error in the power of each ring, 0 to 1.
+def wiener_share(psd: RadialPsd, chance_mm4: Array | float = 0.0) -> Array:
+    """Return the share of lasting form error in the power of each ring, 0 to 1.
 
     Parameters
     ----------
     psd : RadialPsd
         Of the map, with its noise floor.
+    chance_mm4 : ndarray, shape (rings,), mm^4, or float
+        What is in the map but will not be there the next time, beside the noise.
 
     Returns
     -------
     ndarray, shape (rings,)
-        1 everywhere if no noise is known.
+        1 everywhere if neither is known.
     """
     power = averaged_psd_mm4(psd)
-    if not psd.noise_floor_mm4 > 0.0:
-        return np.ones_like(power)
-    return np.asarray(np.clip(1.0 - psd.noise_floor_mm4 / np.maximum(power, 1e-300), 0.0, 1.0))
+    # a ring that noise alone would give is noise: else chance lets a tenth of all noise through
+    sure = 1.0 + SURE * np.sqrt(2.0 / np.maximum(np.array(psd.freedom), ENOUGH_FREEDOM))
+    noise = max(psd.noise_floor_mm4, 0.0) + chance_mm4 if psd.noise_floor_mm4 > 0.0 else chance_mm4
+    share = np.clip(1.0 - noise / np.maximum(power, 1e-300), 0.0, 1.0)
+    return np.asarray(np.where(power > sure * noise, share, 0.0))
 
 
 def noise_wavelength_mm(psd: RadialPsd) -> float:
@@ -102,6 +109,37 @@ def noise_wavelength_mm(psd: RadialPsd) -> float:
     if not len(low):
         return 0.0
     return float("inf") if low[0] == 0 else 1.0 / psd.edge_per_mm[int(low[0])]
+
+
+def regression_mixture(psd: RadialPsd, gain: Array, cutoffs_mm: Array) -> Array:
+    """Return the shares of Gaussian regressions whose sum comes nearest to a gain curve.
+
+    A sum of regressions has no bias at the border, as none of them has. Away from the best curve g the mean
+    square grows by ``sum S_map (G - g)^2`` over the frequency plane, so this is what is made small.
+
+    Parameters
+    ----------
+    psd : RadialPsd
+        Of the map.
+    gain : ndarray, shape (rings,)
+        Wanted at its frequencies.
+    cutoffs_mm : ndarray, shape (k,), mm
+        Of the regressions.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        None is negative.
+    """
+    from scipy.optimize import nnls
+
+    wavelength = 1.0 / np.array(psd.frequency_per_mm)
+    curves = np.stack([gaussian_transmission(wavelength, float(c)) for c in cutoffs_mm], axis=1)
+    weight = np.sqrt(averaged_psd_mm4(psd) * np.array(psd.area_per_mm2))
+    trend = float(np.sqrt(np.sum(weight**2)))  # the trend is in no ring: as strong as all of them
+    rows = np.vstack([curves * weight[:, None], np.full((1, len(cutoffs_mm)), trend)])
+    shares, _ = nnls(rows / trend, np.append(gain * weight, gain[0] * trend) / trend)
+    return np.asarray(shares, dtype=np.float64)
 
 
 def gain_filtered(

@@ -105,8 +105,7 @@ def compensate(
 
     few = too_few_points(m, points, band.low_pass_mm, config.min_points_per_cell)
     usable = np.where(few, np.nan, m.deviation_mm)
-    gain = config.gain if config.gain_rule == "fixed" else 1.0
-    wanted = _placed(-gain * filtered_deviation(m, band, config.gain_rule, usable), here, deviation.shape)
+    wanted = _placed(-filtered_deviation(m, band, usable), here, deviation.shape)
     jet, inside = _nominal_on(m, x_mm, y_mm)
     chosen = region_mask(region, x_mm, y_mm, np.isfinite(wanted))
     taper_mm = taper_width_mm(config, band.low_pass_mm, float(np.nanmax(np.abs(wanted))))

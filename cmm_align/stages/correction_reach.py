@@ -168,7 +168,7 @@ def completed(
     status[beyond] = CorrectionStatus.BEYOND
     status[hole] = CorrectionStatus.BRIDGED
     status[few & ~known] = CorrectionStatus.FEW_POINTS
-    status[np.abs(held - field) > ROUNDING_MM] = CorrectionStatus.CLIPPED
+    status[np.abs(held - field) * fade > ROUNDING_MM] = CorrectionStatus.CLIPPED
     status[~region] = CorrectionStatus.OUTSIDE_REGION
     return Reach(held * fade, status, taper_mm)
 
@@ -187,4 +187,5 @@ def _holes(unknown: Mask, inside: Mask) -> Mask:
 
 
 def _fading(distance_mm: Array, taper_mm: float) -> Array:
-    return np.asarray(np.cos(0.5 * np.pi * np.minimum(distance_mm / taper_mm, 1.0)) ** 2)
+    fade = np.cos(0.5 * np.pi * distance_mm / taper_mm) ** 2
+    return np.asarray(np.where(distance_mm < taper_mm, fade, 0.0))

@@ -36,25 +36,18 @@ from cmm_align.numerics.grid_field import interpolated
 from cmm_align.numerics.wiener_gain import gain_filtered
 from cmm_align.stages.deviation_statistics import deviation_statistics
 from cmm_align.stages.map_noise import JudgedPoints, MapNoise, step_of
+from cmm_align.stages.repeatability import repeatability_psd_mm4
 from cmm_align.surfaces.protocol import Array, Bounds
 from cmm_align.units import UM_PER_MM
 
 MIN_IMPROVEMENT: Final = 0.2
 """Another pass is worth it if the RMS falls by at least this share, and surely."""
 
-LENGTHS_PER_DIAGONAL: Final = 12.0
-"""Correlation length of what differs from pass to pass, where it is not given: the diagonal over this."""
-
 PV_SCATTER: Final = 0.07
 """Relative standard deviation of the PV of some thousand normal numbers."""
 
 _TAILS: Final = (0.025, 0.975)
 _COVERAGE: Final = 1.96
-
-
-def repeatability_length_mm(config: CompensateConfig, bounds: Bounds) -> float:
-    """Return the correlation length of what differs from pass to pass, mm."""
-    return config.repeatability_length_mm or bounds.diagonal_mm / LENGTHS_PER_DIAGONAL
 
 
 def pass_prediction(
@@ -87,7 +80,7 @@ def pass_prediction(
     unit = told / max(float(np.mean(transfer.share)), 1e-9)
     frequency, area = np.array(noise.psd.frequency_per_mm), np.array(noise.psd.area_per_mm2)
     answer = transfer.at(frequency) * np.array(band.gain)  # cG
-    power = _repeatability(config, bounds, frequency, area)
+    power = repeatability_psd_mm4(config, bounds, noise.psd)
     floor = float(np.nan_to_num(noise.psd.noise_floor_mm4))
     chased = 2.0 * float(answer @ (power * area + floor * area))
     left2, unit2 = float(np.mean(left**2)), float(np.mean(unit**2))
@@ -152,15 +145,6 @@ def _cut(correction: Array, x_mm: Array, y_mm: Array, transfer: ProcessTransfer)
         return transfer.share[0] * correction
     steps = step_of(x_mm), step_of(y_mm)
     return gain_filtered(correction, steps, transfer.at, 2.0 * transfer.wavelength_mm[-1])
-
-
-def _repeatability(config: CompensateConfig, bounds: Bounds, frequency: Array, area: Array) -> Array:
-    """Return the spectrum of what differs from pass to pass, of the right variance, mm^4."""
-    length = repeatability_length_mm(config, bounds)
-    shape = np.exp(-2.0 * (np.pi * length * frequency) ** 2)
-    total = float(shape @ area)
-    scale = (config.repeatability_um / UM_PER_MM) ** 2 / total if total > 0.0 else 0.0
-    return np.asarray(scale * shape, dtype=np.float64)
 
 
 def _interval(mean: float, variance: float) -> tuple[float, float]:

@@ -25,7 +25,7 @@ from cmm_align.model import Correction, DeviationMap, PassResponse
 from cmm_align.numerics.grid_field import interpolated
 from cmm_align.stages.correction_grid import on_grid
 from cmm_align.stages.map_noise import MapNoise, step_of
-from cmm_align.stages.pass_prediction import repeatability_length_mm
+from cmm_align.stages.repeatability import repeatability_length_mm
 from cmm_align.surfaces.protocol import Array
 from cmm_align.units import UM_PER_MM
 
@@ -37,7 +37,12 @@ FACTOR: Final = 2.0
 LOOKS_LIKE: Final = 0.7
 """Correlation from which the change is said to look like another thing."""
 
+ALIKE: Final = 0.95
+"""Correlation from which a change is what it looks like."""
+ITSELF: Final = "the correction"
+
 _TURNS: Final = {
+    "": (1, 1, False),
     "turned by 180 deg about z": (-1, -1, False),
     "mirrored in x": (-1, 1, False),
     "mirrored in y": (1, -1, False),
@@ -133,9 +138,10 @@ def pass_response(
     )
     if not config.trust_me:
         _check_ground(response, previous)
-        worse = rms - rms_before > FACTOR * float(np.hypot(scatter_mm, noise.scatter_mm))
-        if worse:
-            raise _worse(response, previous, (x_mm, y_mm), np.where(both, before - deviation, np.nan))
+        looks = _looks(previous, (x_mm, y_mm), np.where(both, before - deviation, np.nan))
+        _check_frame(response, previous, looks)
+        if rms - rms_before > FACTOR * float(np.hypot(scatter_mm, noise.scatter_mm)):
+            raise _worse(response, previous, looks)
     return response
 
 
@@ -152,33 +158,47 @@ def _check_ground(response: PassResponse, previous: Correction) -> None:
         )
 
 
-def _worse(
-    response: PassResponse, previous: Correction, axes: tuple[Array, Array], change: Array
-) -> NumericsError:
+def _check_frame(response: PassResponse, previous: Correction, looks: dict[str, float]) -> None:
+    """Refuse a part that changed as the correction would in another frame."""
+    best, plain = max(looks, key=lambda name: looks[name], default=ITSELF), looks.get(ITSELF, 1.0)
+    if best == ITSELF or response.u_transfer >= CLEAR or plain >= ALIKE:
+        return
+    if looks[best] >= ALIKE and 1.0 - looks[best] < 0.5 * (1.0 - plain):
+        raise NumericsError(
+            f"pass {previous.pass_number} changed the part as {best} would (correlation "
+            f"{looks[best]:.2f}, with "
+            f"{ITSELF} itself {plain:.2f})",
+            expected="a change like the correction",
+            remedy="check sign, frame and file of what the machine ran; --trust-me goes on",
+        )
+
+
+def _worse(response: PassResponse, previous: Correction, looks: dict[str, float]) -> NumericsError:
     """Return the error that says that a pass did harm, and why it may have."""
+    best = max(looks, key=lambda name: looks[name], default=ITSELF)
+    why = "the change does not look like the correction: a wrong file, another part or another mounting?"
+    if best != ITSELF and looks[best] >= LOOKS_LIKE:
+        why = f"the change looks like {best} (correlation {looks[best]:.2f})"
+    elif response.transfer > 1.0 + FACTOR * response.u_transfer:
+        why = f"it cut {100.0 * response.transfer:.0f} % of what it was told"
     return NumericsError(
         f"pass {previous.pass_number} made the part worse: RMS {response.rms_before_mm * UM_PER_MM:.2f} -> "
-        f"{response.rms_mm * UM_PER_MM:.2f} um, {_likely(response, previous, axes, change)}",
+        f"{response.rms_mm * UM_PER_MM:.2f} um, and {why}",
         expected="a smaller RMS, or a change within noise and repeatability",
         remedy="check sign, frame and file of what the machine ran; --trust-me goes on",
     )
 
 
-def _likely(response: PassResponse, previous: Correction, axes: tuple[Array, Array], change: Array) -> str:
-    """Return what the change of the part looks like."""
+def _looks(previous: Correction, axes: tuple[Array, Array], change: Array) -> dict[str, float]:
+    """Return the correlation of a change with the correction, turned, mirrored, of either sign."""
     known = np.isfinite(change)
     x, y = (a[known] for a in np.meshgrid(*axes))
     looks = {}
-    for sign, lead in ((1.0, "the correction"), (-1.0, "the correction with the wrong sign")):
-        for name, (sx, sy, swap) in {"": (1, 1, False), **_TURNS}.items():
-            px, py = (sy * y, sx * x) if swap else (sx * x, sy * y)
-            q = -sign * interpolated(previous.x_mm, previous.y_mm, previous.correction_mm, px, py)
-            there = np.isfinite(q)
-            if there.sum() > known.sum() // 2:
-                looks[f"{lead} {name}".strip()] = float(np.corrcoef(q[there], change[known][there])[0, 1])
-    best = max(looks, key=lambda name: looks[name], default="")
-    if best and looks[best] >= LOOKS_LIKE and best != "the correction":
-        return f"and the change looks like {best} (correlation {looks[best]:.2f})"
-    if response.transfer > 1.0 + FACTOR * response.u_transfer:
-        return f"as it cut {100.0 * response.transfer:.0f} % of what it was told"
-    return "and the change does not look like the correction: a wrong file, another part or another mounting?"
+    for name, (sx, sy, swap) in _TURNS.items():
+        px, py = (sy * y, sx * x) if swap else (sx * x, sy * y)
+        q = -interpolated(previous.x_mm, previous.y_mm, previous.correction_mm, px, py)
+        there = np.isfinite(q)
+        if there.sum() > known.sum() // 2 and np.ptp(q[there]) > 0.0:
+            looks[f"{ITSELF} {name}".strip()] = float(np.corrcoef(q[there], change[known][there])[0, 1])
+    wrong = {f"{ITSELF} with the wrong sign{name.removeprefix(ITSELF)}": -r for name, r in looks.items()}
+    return {**looks, **wrong}

@@ -286,7 +286,7 @@ def _correction() -> Correction:
         deviation_mm=_frozen(rng.normal(size=(12, 40))),
         status=frozen_array(rng.integers(0, 6, size=(12, 40)), np.uint8),
         band=CorrectionBand(
-            8.0, "noise", 4.0, 8.0, 0.0, (0.01, 0.1, 0.2), (1.0, 0.6, 0.1), "waves over 8 mm"
+            8.0, "noise", 4.0, 8.0, 0.0, (0.01, 0.1, 0.2), (1.0, 0.6, 0.1), (8.0,), (1.0,), "over 8 mm"
         ),
         limits=CorrectionLimits(
             0.01, 1e-3, (2.0, 1.0), 0.02, 0.03, 10.0, 5, 4, 3, 2, 1, "circle", ("steep",)

@@ -10,7 +10,7 @@ from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.units import DEG_PER_RAD
 from cmm_align.virtual.cmm import machine_from_part, scan_lines, tip_centres
 from cmm_align.virtual.form_error import form_error
-from cmm_align.virtual.grinder import second_pass
+from cmm_align.virtual.grinder import Grinder, grind
 from cmm_align.virtual.window import TIP_RADIUS_MM, window, window_grid
 
 EPS_MM = 1e-12
@@ -100,7 +100,7 @@ def test_same_seed_same_points() -> None:
 def test_an_ideal_grinder_told_the_nominal_repeats_its_error() -> None:
     surface, error = window(), form_error(window())
     x, y = scan_lines(surface.bounds, lines=7, per_line=9)
-    again = second_pass(surface, error.at, window_grid(2.0), repeatability_mm=0.0)(x, y)
+    again = grind(surface, error.at, window_grid(2.0), Grinder(repeatability_mm=0.0))(x, y)
 
     np.testing.assert_allclose(again, error.at(x, y), rtol=0.0, atol=1e-9)
 
@@ -112,6 +112,6 @@ def test_an_ideal_grinder_told_the_opposite_makes_the_nominal() -> None:
     told[:, 2] -= error.at(told[:, 0], told[:, 1]) / nz
     x, y = scan_lines(surface.bounds, lines=7, per_line=9)
 
-    left = second_pass(surface, error.at, told, transfer=1.0, repeatability_mm=0.0)(x, y)
+    left = grind(surface, error.at, told, Grinder(transfer=1.0, repeatability_mm=0.0))(x, y)
 
     assert np.abs(left).max() < 0.02 * 0.027  # what a 1 mm grid cannot carry of the ripple
