@@ -38,6 +38,8 @@ TAKE_OFF: Final = "take off"
 LEAVE: Final = "leave or raise"
 _HEAD_IN: Final = 1.25
 _FOOT_IN: Final = 0.84
+_LEGEND_IN: Final = 0.26
+"""More at the foot where the legend is long and needs a line of its own."""
 
 
 def draw_correction(
@@ -60,10 +62,12 @@ def draw_correction(
     c, b = correction, correction.nominal.surface.bounds
     with mpl.rc_context(STYLE):
         width_in, map_in = map_size(b, 0.80 * WIDTH_IN, 7.2)
-        height_in = map_in + _HEAD_IN + _FOOT_IN
+        reasons = _reasons(c)
+        foot_in = _FOOT_IN + (_LEGEND_IN if len(reasons) > 1 else 0.0)
+        height_in = map_in + _HEAD_IN + foot_in
         figure = sheet(height_in)
         left, wide = 0.08 + 0.5 * (0.80 - width_in / WIDTH_IN), width_in / WIDTH_IN
-        bottom, tall = _FOOT_IN / height_in, map_in / height_in
+        bottom, tall = foot_in / height_in, map_in / height_in
         axes = figure.add_axes((left, bottom, wide, tall))
         limit = limit_um(c.correction_mm)
         hues = (TAKE_OFF_HUE_DEG, LEAVE_HUE_DEG)
@@ -74,7 +78,7 @@ def draw_correction(
         draw_scale(figure, image, box, limit, (TAKE_OFF, LEAVE.replace(" or ", "\nor ")))
         marks = [
             (_hatched(axes, c, mask, hatch, outline), f"{words} ({thin(int(mask.sum()))})")
-            for words, hatch, mask in _reasons(c)
+            for words, hatch, mask in reasons
         ]
         if marks:
             legend(figure, marks, left + wide, height_in)

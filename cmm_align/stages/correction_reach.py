@@ -116,13 +116,13 @@ def taper_width_mm(config: CompensateConfig, low_pass_mm: float, largest_mm: flo
         wave.
     low_pass_mm : float
     largest_mm : float
-        Largest correction: the fading shall not be steeper than half the slope that is warned of.
+        Largest correction: the fading shall not reach the slope that is warned of.
     """
     if config.edge_taper_mm > 0.0:
         return config.edge_taper_mm
     depth = config.depth_of_cut_um / UM_PER_MM if config.depth_of_cut_um > 0.0 else largest_mm
     contact = 2.0 * sqrt(2.0 * config.wheel_radius_mm * depth)
-    gentle = 0.5 * pi * largest_mm / (0.5 * config.warn_slope_mrad / MRAD_PER_RAD)
+    gentle = 0.5 * pi * largest_mm / (config.warn_slope_mrad / MRAD_PER_RAD)
     return max(contact if contact > 0.0 else low_pass_mm, gentle)
 
 
