@@ -92,7 +92,8 @@ def paper(seeds: int, grinder: Grinder, config: CompensateConfig) -> list[Row]:
         maps, _ = loop(truth.at, grinder, cmm, 2, seed, config)
         found.append([[s.pv_mm, s.rms_mm] for m in maps for s in (m.statistics, m.point_statistics)])
     pv, rms = 1e3 * np.moveaxis(np.array(found).reshape(seeds, 3, 2, 2), 3, 0)  # [seed, pass, map or points]
-    late = [loop(truth.at, grinder, cmm, 5, 1000 + s, config)[0][-1] for s in range(max(seeds // 8, 3))]
+    loops = (loop(truth.at, grinder, cmm, 5, 1000 + s, config)[0] for s in range(max(seeds // 8, 3)))
+    late = [m for maps in loops for m in maps[3:]]
     floor = np.mean([m.statistics.rms_mm**2 for m in late]) ** 0.5 * 1e3
     second = np.mean(rms[:, 2, 0] ** 2) ** 0.5
     good = (pv[:, 1, 0] <= 6.9) & (rms[:, 1, 0] <= 1.0)
@@ -102,7 +103,7 @@ def paper(seeds: int, grinder: Grinder, config: CompensateConfig) -> list[Row]:
         Row("PV after one pass, 95 %: map (points)", "<= 6.9 um", "{:.2f} um ({:.2f})".format(*limits[0])),
         Row("RMS after one pass, 95 %: map (points)", "<= 1.0 um", "{:.3f} um ({:.3f})".format(*limits[1])),
         Row("seeds with both", ">= 95 %", _share(good)),
-        Row("RMS after the second over the floor", "<= 1.10", f"{second / floor:.3f} ({floor:.3f} um)"),
+        Row("RMS after the second over later ones", "<= 1.10", f"{second / floor:.3f} ({floor:.3f} um)"),
     ]
 
 
