@@ -221,6 +221,8 @@ class ExportConfig:
     """Most between the lines of a tool path; 0 takes every line of the grid."""
     point_spacing_mm: float = 0.0
     """Most between its points; 0 takes every node of the grid."""
+    chord_um: float = 0.1
+    """Most that straight moves between points may leave the path; points are put between nodes for it."""
     raster_along: str = "x"
     """Lines of a raster: along x or y of frame `surface`."""
     spiral_direction: str = "inwards"

@@ -58,6 +58,7 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "wheel_tip_radius_mm": (0.0, 1e4),
     "depth_of_cut_um": (0.0, 1e5),
     "depth_margin_um": (0.0, 1e5),
+    "chord_um": (1e-3, 1e6),
     "feed_mm_min": (1e-3, 1e6),
     "line_spacing_mm": (0.0, 1e6),
     "point_spacing_mm": (0.0, 1e6),

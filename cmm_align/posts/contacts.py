@@ -3,7 +3,7 @@
 The surface on which the tool centres lie has the normal of the part at the contacts (`numerics.wheel`), so
 the wheel is taken off along the normal of the path itself. Where the lines of a path lie beside each other
 like the rows of a net, its two tangents are central differences of sixth order; elsewhere (borders, spirals)
-the normal is that of a quadratic through the neighbours. A normal that is wrong by d moves the contact
+the normal is that of a cubic through the neighbours. A normal that is wrong by d moves the contact
 across the surface, and off it by ``R d^2 / 2`` only.
 """
 
@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmm_align.numerics.local_normals import NEIGHBOURS, local_quadratic_normals
+from cmm_align.numerics.local_normals import local_cubic_normals
 from cmm_align.numerics.wheel import Wheel, centre_from_contact
 from cmm_align.surfaces.protocol import Array
 
@@ -26,8 +26,12 @@ _REACH: Final = 3
 _WEIGHTS: Final = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
 _UNEVEN: Final = 0.05
 """Steps of a net that change by more than this share are no even steps."""
+_NEIGHBOURS: Final = 28
+_MORE_NEIGHBOURS: Final = 56
 _SAMPLE: Final = 400
-_MORE_NEIGHBOURS: Final = 36
+_MORE: Final = 4000
+_UNSEEN: Final = 2.0
+"""Where a sample is judged, the worst of all points may be worse than that of the sample."""
 
 
 class Contacts(NamedTuple):
@@ -68,15 +72,16 @@ def contacts(centres_mm: Array, starts: IntArray, wheel: Wheel, outward: Array) 
     normals, found = _of_net(centres_mm, starts)
     cloud = _thinned(centres_mm, outward)
     if not found.all():
-        normals[~found] = local_quadratic_normals(cloud, NEIGHBOURS, centres_mm[~found])
+        normals[~found] = local_cubic_normals(cloud, _NEIGHBOURS, centres_mm[~found])
     normals[normals @ outward < 0.0] *= -1.0
-    some = np.unique(np.linspace(0, len(centres_mm) - 1, _SAMPLE).astype(np.intp))
-    second = local_quadratic_normals(cloud, min(_MORE_NEIGHBOURS, len(cloud)), centres_mm[some])
+    some = np.concatenate([_some(np.flatnonzero(found), _SAMPLE), _some(np.flatnonzero(~found), _MORE)])
+    second = local_cubic_normals(cloud, min(_MORE_NEIGHBOURS, len(cloud)), centres_mm[some])
     away = np.linalg.norm(np.cross(second, normals[some]), axis=1)
+    # A neighbourhood of twice the area errs 2^1.5 times as much: the difference is more than the error.
     return Contacts(
         centres_mm - centre_from_contact(wheel, normals),
         normals,
-        0.5 * wheel.radius_mm * float(away.max()) ** 2,
+        0.5 * wheel.radius_mm * float(away.max()) ** 2 * (1.0 if len(some) == len(centres_mm) else _UNSEEN),
     )
 
 
@@ -132,6 +137,11 @@ def _difference(grid: Array, axis: int) -> Array:
     for k in range(2 * _REACH - 1):
         out[inner][uneven[k : k + n - 2 * _REACH]] = np.nan
     return np.moveaxis(out, 0, axis)
+
+
+def _some(numbers: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    """Return so many of the numbers at most, evenly spread."""
+    return numbers[np.unique(np.linspace(0, len(numbers) - 1, min(most, len(numbers))).astype(np.intp))]
 
 
 def _thinned(centres: Array, outward: Array) -> Array:

@@ -9,7 +9,8 @@ that the height-based RIFTA takes (its public code, TWANG006/RIFTA, `rifta_heigh
   aperture; ``ca_box_m``: the same as x_min, x_max, y_min, y_max;
 - ``inside``: 1 on the part, 0 where the field is continued; ``pixel_m``, ``footprint_radius_m``.
 
-Past the aperture the field is continued as a membrane, at least by the radius of the tool's footprint. It
+Pixels are square; where the steps of the map differ, a spline takes the field to the smaller one. Past the
+aperture the field is continued as a membrane, at least by the radius of the tool's footprint. It
 holds the correction of this pass alone: such a process works on the part as it is.
 """
 
@@ -23,7 +24,9 @@ from typing import Final
 import numpy as np
 
 from cmm_align.errors import MalformedInputError, UsageError
+from cmm_align.model import Correction
 from cmm_align.numerics.grid_field import continued
+from cmm_align.posts.between import Between, inside_known
 from cmm_align.posts.job import ExportJob
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.units import mm_per
@@ -68,21 +71,19 @@ def blocks(job: ExportJob) -> Iterator[bytes]:
     Raises
     ------
     UsageError
-        If the radius of the footprint is not known, or the steps along x and y differ.
+        If the radius of the footprint is not known.
     """
     from scipy.io import savemat  # slow to import
 
     correction, radius = job.correction, job.config.footprint_radius_mm
     if radius == 0.0:
         raise UsageError("a dwell grid needs the footprint", remedy="give --footprint-radius")
-    dx, dy = (float(a[1] - a[0]) for a in (correction.x_mm, correction.y_mm))
-    if abs(dx - dy) > 1e-9 * dx:
-        raise UsageError(f"a dwell grid with steps of {dx:g} x {dy:g} mm", expected="equal steps")
+    dx, x_mm, y_mm, on_part = _square(correction)
     more = int(np.ceil(radius / dx - 1e-9))
-    x = correction.x_mm[0] + dx * np.arange(-more, len(correction.x_mm) + more)
-    y = correction.y_mm[0] + dx * np.arange(-more, len(correction.y_mm) + more)
-    field = continued(np.pad(correction.correction_mm, more, constant_values=np.nan))
-    inside = np.pad(np.isfinite(correction.correction_mm), more)
+    x = x_mm[0] + dx * np.arange(-more, len(x_mm) + more)
+    y = y_mm[0] + dx * np.arange(-more, len(y_mm) + more)
+    field = continued(np.pad(on_part, more, constant_values=np.nan))
+    inside = np.pad(np.isfinite(on_part), more)
     piston = float(field.max())
     iy, ix = np.nonzero(inside)
     m = 1.0 / mm_per("m")
@@ -108,6 +109,23 @@ def blocks(job: ExportJob) -> Iterator[bytes]:
         },
     )
     yield HEAD.ljust(_HEAD_BYTES) + stream.getvalue()[_HEAD_BYTES:]  # without the time of day
+
+
+def _square(correction: Correction) -> tuple[float, Array, Array, Array]:
+    """Return the step, the places along x and y, mm, and the correction on square pixels, NaN off the part.
+
+    Where the steps of the map differ, a spline takes the field to the smaller one.
+    """
+    x_mm, y_mm, field = correction.x_mm, correction.y_mm, correction.correction_mm
+    dx, dy = (float(nodes[1] - nodes[0]) for nodes in (x_mm, y_mm))
+    if abs(dx - dy) <= 1e-9 * dx:
+        return dx, x_mm, y_mm, field
+    step = min(dx, dy)
+    x, y = (a[0] + step * np.arange(int((a[-1] - a[0]) / step + 1e-9) + 1) for a in (x_mm, y_mm))
+    xg, yg = (g.ravel() for g in np.meshgrid(x, y))
+    inside = inside_known(x_mm, y_mm, np.isfinite(field), xg, yg)
+    values = Between(x_mm, y_mm, field).jet(xg, yg).z
+    return step, x, y, np.where(inside, values, np.nan).reshape(len(y), len(x))
 
 
 def read(raw: bytes, where: str) -> Removal:

@@ -33,12 +33,12 @@ _WHOLE = re.compile(rb"%\n(?:\([^\n]*\)\n)*G21 G90 G94\n")
 
 def raster_blocks(job: ExportJob) -> Iterator[bytes]:
     """Give the program of a raster."""
-    return _blocks(job, raster(job.correction, job.config), "raster")
+    return _blocks(job, raster(job.correction, job.config, job.wheel), "raster")
 
 
 def spiral_blocks(job: ExportJob) -> Iterator[bytes]:
     """Give the program of a spiral."""
-    return _blocks(job, spiral(job.correction, job.config), "spiral")
+    return _blocks(job, spiral(job.correction, job.config, job.wheel), "spiral")
 
 
 def _blocks(job: ExportJob, path: ToolPath, kind: str) -> Iterator[bytes]:

@@ -38,7 +38,7 @@ def blocks(job: ExportJob) -> Iterator[bytes]:
     UsageError
         If it has more lines than the control takes.
     """
-    path = raster(job.correction, job.config)
+    path = raster(job.correction, job.config, job.wheel)
     name = job.program_name()
     n = len(path.points_mm)
     lifts = int(path.lifted.sum())

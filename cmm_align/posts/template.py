@@ -221,9 +221,9 @@ def _ordered(job: ExportJob, order: str) -> tuple[Array, Array]:
     if kind == "rows":
         return points_and_normals(job.correction)
     if kind == "raster":
-        path = raster(job.correction, replace(job.config, raster_along=direction))
+        path = raster(job.correction, replace(job.config, raster_along=direction), job.wheel)
     else:
-        path = spiral(job.correction, replace(job.config, spiral_direction=direction))
+        path = spiral(job.correction, replace(job.config, spiral_direction=direction), job.wheel)
     return path.points_mm, path.normals
 
 

@@ -1,10 +1,10 @@
 """The order in which a tool goes over a surface: lines to and fro, or a spiral.
 
-A raster takes every m-th line and node of the grid, m as large as the spacings allow: its points are those
-of the correction, nothing is interpolated. A spiral (Archimedes, equal steps along the arc) needs points
-between the nodes: there the height is that of the nominal plus a spline of degree five through what the
-nodes are commanded more than it, and the normal is that of the sum. It runs in the cells whose four nodes are
-all commanded; past them the field is carried on by parabolas, for the sake of the spline alone.
+Moves are straight, so points lie near enough that their chords leave the path by 0.1 um at most (`chord_um`):
+ground freeforms show the facets of programs that are coarser. A raster takes every m-th line and node of the
+grid, m as large as spacings and chords allow; where the nodes themselves are too far apart, and on a spiral
+(Archimedes, equal steps along the arc), the height between them is that of the nominal plus a spline of
+degree five through what the nodes are commanded more than it, and the normal is that of the sum (`between`).
 
 A stroke is a run of points that is cut without a pause; where the aperture ends or has a hole, the tool is
 lifted. Frames: made in `surface`, given in `part`.
@@ -21,18 +21,12 @@ from numpy.typing import NDArray
 from cmm_align.config import RASTERS, SPIRALS, ExportConfig
 from cmm_align.errors import UsageError
 from cmm_align.model import Correction, IntArray
-from cmm_align.numerics.grid_field import continued
-from cmm_align.numerics.tensor_spline import interpolating_coefficients, spline_jet
-from cmm_align.surfaces.geometry import unit_normal
+from cmm_align.numerics.wheel import Wheel, centre_from_contact
+from cmm_align.posts.between import commanded_between, inside_known
 from cmm_align.surfaces.protocol import Array
+from cmm_align.units import UM_PER_MM
 
 MOST_POINTS: Final = 20_000_000
-
-_DEGREE: Final = 5
-_RINGS: Final = 8
-_ROUNDING: Final = 1e-9
-_CHUNK: Final = 16_384
-_TABLE: Final = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +53,15 @@ class ToolPath:
     up: Array
 
 
-def raster(correction: Correction, config: ExportConfig) -> ToolPath:
-    """Return lines to and fro over the nodes of the grid.
+def raster(correction: Correction, config: ExportConfig, wheel: Wheel | None = None) -> ToolPath:
+    """Return lines to and fro over the lines of the grid.
+
+    Parameters
+    ----------
+    correction : Correction
+    config : ExportConfig
+    wheel : Wheel, optional
+        Whose centre moves straight from point to point; without it the contact does.
 
     Raises
     ------
@@ -71,9 +72,15 @@ def raster(correction: Correction, config: ExportConfig) -> ToolPath:
         raise UsageError(f"a raster along {config.raster_along!r}", expected=" or ".join(RASTERS))
     along_x = config.raster_along == "x"
     nodes = (correction.y_mm, correction.x_mm) if along_x else (correction.x_mm, correction.y_mm)
-    across, along = _every(nodes[0], config.line_spacing_mm), _every(nodes[1], config.point_spacing_mm)
-    inside = np.isfinite(correction.commanded_z_mm)
-    taken = (inside if along_x else inside.T)[np.ix_(across, along)]
+    step = float(nodes[1][1] - nodes[1][0])
+    widest = min(config.point_spacing_mm or step, finest_mm(correction, config, wheel)[0 if along_x else 1])
+    parts = max(1, int(np.ceil(step / widest * (1.0 - 1e-9))))
+    across, along = _every(nodes[0], config.line_spacing_mm), _every(nodes[1], widest)
+    if parts > 1:
+        taken, places_mm = _divided(correction, along_x, across, parts)
+    else:
+        inside = np.isfinite(correction.commanded_z_mm)
+        taken, places_mm = (inside if along_x else inside.T)[np.ix_(across, along)], nodes[1][along]
     lines, places, starts = [], [], []
     count, back = 0, False
     for k in range(len(across)):
@@ -81,23 +88,35 @@ def raster(correction: Correction, config: ExportConfig) -> ToolPath:
         for first, last in reversed(runs) if back else runs:
             line = np.arange(last, first - 1, -1) if back else np.arange(first, last + 1)
             lines.append(np.full(len(line), across[k]))
-            places.append(along[line])
+            places.append(line)
             starts.append(count)
             count += len(line)
         back = not back if runs else back
     row, column = np.concatenate(lines), np.concatenate(places)
-    iy, ix = (row, column) if along_x else (column, row)
-    points = np.column_stack([correction.x_mm[ix], correction.y_mm[iy], correction.commanded_z_mm[iy, ix]])
+    if parts > 1:
+        x, y = (places_mm[column], nodes[0][row]) if along_x else (nodes[0][row], places_mm[column])
+        points, normals = commanded_between(correction, x, y)
+    else:
+        iy, ix = (row, along[column]) if along_x else (along[column], row)
+        z = correction.commanded_z_mm[iy, ix]
+        points = np.column_stack([correction.x_mm[ix], correction.y_mm[iy], z])
+        normals = correction.commanded_normal[iy, ix]
     # The way to the next line is a chord: short, or the tool is lifted.
     way = np.linalg.norm(np.diff(points, axis=0), axis=1)[np.array(starts[1:], dtype=np.intp) - 1]
-    widest = float(np.diff(nodes[0][across]).max(initial=0.0))
-    normals = correction.commanded_normal[iy, ix]
+    apart = float(np.diff(nodes[0][across]).max(initial=0.0))
     steep = 1.0 / np.abs(normals[starts[1:], 2])
-    return _in_part(correction, points, normals, starts, [True, *(way > 1.5 * widest * steep)])
+    return _in_part(correction, points, normals, starts, [True, *(way > 1.5 * apart * steep)])
 
 
-def spiral(correction: Correction, config: ExportConfig) -> ToolPath:
+def spiral(correction: Correction, config: ExportConfig, wheel: Wheel | None = None) -> ToolPath:
     """Return a spiral about the middle of the aperture, with the spacings of the settings.
+
+    Parameters
+    ----------
+    correction : Correction
+    config : ExportConfig
+    wheel : Wheel, optional
+        As for `raster`.
 
     Raises
     ------
@@ -107,8 +126,10 @@ def spiral(correction: Correction, config: ExportConfig) -> ToolPath:
     if config.spiral_direction not in SPIRALS:
         raise UsageError(f"a spiral {config.spiral_direction!r}", expected=" or ".join(SPIRALS))
     step = min(float(nodes[1] - nodes[0]) for nodes in (correction.x_mm, correction.y_mm))
-    u, v = _archimedean(correction, config.line_spacing_mm or step, config.point_spacing_mm or step)
-    inside = _in_known_cells(correction, u, v)
+    widest = min(config.point_spacing_mm or step, *finest_mm(correction, config, wheel))
+    u, v = _archimedean(correction, config.line_spacing_mm or step, widest)
+    known = np.isfinite(correction.commanded_z_mm)
+    inside = inside_known(correction.x_mm, correction.y_mm, known, u, v)
     if config.spiral_direction == "inwards":
         u, v, inside = u[::-1].copy(), v[::-1].copy(), inside[::-1]
     runs = _runs(inside)
@@ -116,8 +137,20 @@ def spiral(correction: Correction, config: ExportConfig) -> ToolPath:
         raise UsageError("no point of the spiral lies on the part", remedy="take a smaller line spacing")
     kept = np.concatenate([np.arange(first, last + 1) for first, last in runs])
     starts = np.concatenate([[0], np.cumsum([last - first + 1 for first, last in runs])[:-1]])
-    points, normals = _between_nodes(correction, u[kept], v[kept])
+    points, normals = commanded_between(correction, u[kept], v[kept])
     return _in_part(correction, points, normals, starts.tolist(), [True] * len(runs))
+
+
+def _divided(
+    correction: Correction, along_x: bool, across: NDArray[np.intp], parts: int
+) -> tuple[NDArray[np.bool_], Array]:
+    """Return which places of the lines lie between known nodes, and the places along them, mm."""
+    nodes = correction.x_mm if along_x else correction.y_mm
+    places = np.interp(np.arange((len(nodes) - 1) * parts + 1) / parts, np.arange(len(nodes)), nodes)
+    inside = np.isfinite(correction.commanded_z_mm)
+    lines = (inside if along_x else inside.T)[across]
+    number = np.arange(len(places))
+    return lines[:, number // parts] & lines[:, -(-number // parts)], places
 
 
 def _every(nodes_mm: Array, spacing_mm: float) -> NDArray[np.intp]:
@@ -151,59 +184,30 @@ def _archimedean(correction: Correction, pitch_mm: float, step_mm: float) -> tup
     return x0 + a * angle * np.cos(angle), y0 + a * angle * np.sin(angle)
 
 
-def _in_known_cells(correction: Correction, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Return whether places lie between four nodes that are all commanded."""
-    known = np.isfinite(correction.commanded_z_mm)
-    cell = known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]
-    inside = np.ones(len(x), np.bool_)
-    numbers = []
-    for nodes, places in ((correction.y_mm, y), (correction.x_mm, x)):
-        t = (places - nodes[0]) / (nodes[1] - nodes[0])
-        inside &= (t >= -_ROUNDING) & (t <= len(nodes) - 1 + _ROUNDING)
-        numbers.append(np.clip(t, 0.0, len(nodes) - 2).astype(np.intp))
-    inside &= cell[numbers[0], numbers[1]]
-    return inside
+def finest_mm(correction: Correction, config: ExportConfig, wheel: Wheel | None) -> tuple[float, float]:
+    """Return the widest steps along x and y whose chords stay within the tolerance of the settings.
 
-
-def _carried_on(field: Array) -> Array:
-    """Return a field with some rings of unknown nodes carried on by parabolas from the known ones."""
-    out = np.pad(field, 3, constant_values=np.nan)
-    for _ in range(_RINGS):
-        known = np.isfinite(out)
-        beside = np.zeros_like(known)
-        beside[1:-1, 1:-1] = known[2:, 1:-1] | known[:-2, 1:-1] | known[1:-1, 2:] | known[1:-1, :-2]
-        beside[:3], beside[-3:], beside[:, :3], beside[:, -3:] = False, False, False, False
-        iy, ix = np.nonzero(beside & ~known)
-        found = [
-            3.0 * out[iy + dy, ix + dx] - 3.0 * out[iy + 2 * dy, ix + 2 * dx] + out[iy + 3 * dy, ix + 3 * dx]
-            for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
-        ]
-        some = np.isfinite(found)
-        count = some.sum(axis=0)
-        out[iy, ix] = np.where(
-            count > 0, np.where(some, found, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan
-        )
-    return out[3:-3, 3:-3]
-
-
-def _between_nodes(correction: Correction, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return points and normals of the commanded surface anywhere on the grid, frame `surface`."""
-    x_mm, y_mm, nominal = correction.x_mm, correction.y_mm, correction.nominal
-    xg, yg = np.meshgrid(x_mm, y_mm)
-    more = correction.commanded_z_mm - nominal.surface.jet(xg.ravel(), yg.ravel()).z.reshape(xg.shape)
-    degree = _DEGREE if min(more.shape) >= _DEGREE + 2 else 3
-    coefficients = interpolating_coefficients(continued(_carried_on(more)), degree)
-    dx, dy = float(x_mm[1] - x_mm[0]), float(y_mm[1] - y_mm[0])
-    points, normals = np.empty((len(x), 3)), np.empty((len(x), 3))
-    for first in range(0, len(x), _CHUNK):
-        part = slice(first, first + _CHUNK)
-        jet = nominal.surface.jet(x[part], y[part])
-        on = spline_jet(coefficients, degree, (x[part] - x_mm[0]) / dx, (y[part] - y_mm[0]) / dy)
-        points[part] = np.column_stack([x[part], y[part], jet.z + on.z])
-        normals[part] = unit_normal(
-            jet._replace(zx=jet.zx + on.zu / dx, zy=jet.zy + on.zv / dy), nominal.side
-        )
-    return points, normals
+    The path of the tool's centre (of the contact where there is no wheel) is curved; straight moves over a
+    step h leave it by h^2 times its second difference over 8.
+    """
+    z, n = correction.commanded_z_mm, correction.commanded_normal
+    shape = z.shape
+    x, y = np.meshgrid(correction.x_mm, correction.y_mm)
+    centres = np.stack([x, y, z], axis=-1)
+    if wheel is not None:
+        turn = correction.nominal.surface_from_part
+        axis = turn.rotate(np.array([wheel.axis]))[0].tolist()
+        off = centre_from_contact(Wheel(wheel.radius_mm, wheel.tip_radius_mm, tuple(axis)), n.reshape(-1, 3))
+        centres = centres + off.reshape(*shape, 3)
+    found = []
+    for axis_number, nodes in ((1, correction.x_mm), (0, correction.y_mm)):
+        second = np.diff(centres, 2, axis=axis_number)
+        middle = n[:, 1:-1] if axis_number == 1 else n[1:-1]
+        bow = np.abs(np.einsum("ijk,ijk->ij", second, middle)) / 8.0
+        largest = float(np.nanmax(bow, initial=0.0)) * UM_PER_MM
+        step = float(nodes[1] - nodes[0])
+        found.append(step * np.sqrt(config.chord_um / largest) if largest > 0.0 else np.inf)
+    return float(found[0]), float(found[1])
 
 
 def _in_part(

@@ -1,7 +1,11 @@
 """How fast exports are written and read back: ``python tests/bench/exports.py [NAME...]``.
 
 A grid of 1021 x 1241 nodes, a bowl with a ripple. Needs Linux for the memory. Without names all exports are
-measured; the three texts that the bound of 4 s is about are xyz, xyzijk and heidenhain.
+measured; the three texts that the bound of 4 s is about are xyz, xyzijk and heidenhain. Seconds are of the
+processor. Found on a shared machine with two cores, November 2026 (seconds to write, to read back; largest
+error after reading back): xyz 0.4, 0.9, 0.5 nm; xyzijk 0.9, 2.0, 0.5 nm; heidenhain 1.2, 2.8, 0.5 nm;
+zemax 0.4, 2.4; gcode-raster 1.1, 5.4, 0.8 nm; gcode-spiral 2.6, 66, 0.8 nm; template 0.8, 1.7, 0.5 nm; dwell
+0.9, 0.0; peak 955 MB. For 1.2e6 x 3 numbers ``%`` on tuples takes 1.5 s and np.savetxt 6 s.
 """
 
 from __future__ import annotations

@@ -51,9 +51,10 @@ def test_three_exports_with_a_wheel(cli: Cli, start: list[object], tmp_path: Pat
     correction = read_correction(tmp_path / "a.comp.h5")
     points, _ = posts.points_and_normals(correction)
     found = posts.read_back(tmp_path / names[0], "gcode-raster", Wheel(30.0))
-    away, _ = cKDTree(points).query(found.points_mm)
-    # A contact is off by the wheel's radius times the error of its normal, along the surface.
-    assert len(found.points_mm) == len(points)
+    # Every node is a point of the path, with others between: it comes back but for the error of its normal
+    # times the radius, which moves it along the surface.
+    away, _ = cKDTree(found.points_mm).query(points)
+    assert len(found.points_mm) > 5 * len(points)
     assert away.max() < 0.05
     repeat = cli(*start, "--export", "zemax")
     assert repeat.code == 8

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.io import loadmat
 from truth_corrections import ON_ITS_SIDE, Bowl, Rippled, correction_to
+from truth_maps import Quadric
 
 from cmm_align import posts
 from cmm_align.config import ExportConfig
@@ -19,7 +22,11 @@ CORRECTION = correction_to(Rippled(BOWL, 0.005, 20.0), BOWL, step_mm=1.0)
 
 def written(tmp_path, name, correction=CORRECTION, wheel=WHEEL, **settings):
     path = tmp_path / f"part{posts.suffix_of(name)}"
-    posts.write_export(path, name, posts.ExportJob(correction, ExportConfig(**settings), 6, wheel, "Part 7"))
+    posts.write_export(
+        path,
+        name,
+        posts.ExportJob(correction, ExportConfig(**{"chord_um": 100.0} | settings), 6, wheel, "Part 7"),
+    )
     return path
 
 
@@ -115,3 +122,20 @@ def test_a_dwell_grid_comes_back_and_is_laid_out_as_it_says(tmp_path):
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(MalformedInputError, match="no dwell grid"):
         posts.read_dwell(path)
+
+
+def test_a_dwell_grid_has_square_pixels_although_the_map_has_none(tmp_path):
+    flat = Quadric(12.0, 9.0)
+    wave = correction_to(Rippled(flat, 0.005, 20.0), flat, step_mm=0.5)
+    thin = replace(
+        wave,
+        **{
+            name: getattr(wave, name)[::2] for name in ("y_mm", "correction_mm", "commanded_z_mm", "extended")
+        },
+    )
+    found = posts.read_dwell(written(tmp_path, "dwell", thin, footprint_radius_mm=2.0))
+    assert np.diff(found.x_mm) == pytest.approx(0.5)
+    assert np.diff(found.y_mm) == pytest.approx(0.5)
+    inner = (slice(4, -4), slice(4, -4))
+    # degree five through 20 steps to a wave: (k h)^6 / 100 of 5 um, and ten times that at the border
+    np.testing.assert_allclose(found.correction_mm[inner], wave.correction_mm, atol=5e-7)

@@ -61,7 +61,9 @@ def off_surface_mm(corrected, correction, found):
 
 def written(tmp_path, name, correction, wheel=None, post=None, **settings) -> Path:
     path = tmp_path / f"part{posts.suffix_of(name, post)}"
-    job = posts.ExportJob(correction, ExportConfig(**settings), wheel=wheel, name="my part")
+    job = posts.ExportJob(
+        correction, ExportConfig(**{"chord_um": 100.0} | settings), wheel=wheel, name="my part"
+    )
     posts.write_export(path, name, job, post)
     return path
 
@@ -95,3 +97,17 @@ def test_the_wheel_is_taken_off_again(tmp_path, case, name, wheel):
     assert np.abs(off).max() <= found.accuracy_mm + parabola
     assert found.accuracy_mm <= 25.0 * NM
     assert np.abs(normals).max() <= 1e-3
+
+
+@pytest.mark.parametrize("name", ["gcode-raster", "gcode-spiral"])
+def test_lines_far_apart_with_points_close_together_come_back(tmp_path, name):
+    """A coarse map: lines of 1.5 mm, points between the nodes for chords of 0.1 um."""
+    bowl = Bowl(-120.0, 24.0, 18.0)
+    corrected = Rippled(bowl, 0.005, 30.0)
+    correction = correction_to(corrected, bowl, step_mm=1.5)
+    path = written(tmp_path, name, correction, SPHERE, chord_um=0.1)
+    found = posts.read_back(path, name, SPHERE)
+    off, _ = off_surface_mm(corrected, correction, found)
+    # between nodes: a spline of degree five, 20 steps to a wave, (k h)^6 / 100 of 5 um
+    assert np.abs(off).max() <= found.accuracy_mm + 0.05 * NM
+    assert found.accuracy_mm <= 25.0 * NM
