@@ -51,8 +51,9 @@ class Profile:
 
 def middle_lines(bounds: Bounds) -> tuple[SectionLine, SectionLine]:
     """Return the two lines through the middle of the aperture, along y and along x."""
-    x, y = 0.5 * (bounds.x_min + bounds.x_max), 0.5 * (bounds.y_min + bounds.y_max)
-    return section_line(f"x={x:.6g}", bounds), section_line(f"y={y:.6g}", bounds)
+    middle = 0.5 * (bounds.x_min + bounds.x_max), 0.5 * (bounds.y_min + bounds.y_max)
+    x, y = (round(value, 6) + 0.0 for value in middle)  # to 1 nm, and never minus zero
+    return section_line(f"x={x:.9g}", bounds), section_line(f"y={y:.9g}", bounds)
 
 
 def section_line(text: str, bounds: Bounds) -> SectionLine:
