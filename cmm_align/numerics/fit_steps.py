@@ -25,8 +25,12 @@ Array = NDArray[np.float64]
 
 _MAX_HALVINGS: Final = 8
 LINEAR: Final = 1e-15
-"""A step whose square over the size is this share of the size changes distances linearly, in rounding; one
-whose cube over the square of the size is, changes them to second order."""
+"""A step whose square over the size is this share of the size changes distances linearly, in rounding."""
+_MANY: Final = 50_000
+"""From so many points on a look at the surface costs more than it tells after a short step."""
+_QUADRATIC: Final = 1e-14
+"""One whose cube over the square of the size is this share of it changes them to second order, to some 1e-15
+of the size: points move by a third of what is counted, and the third order has a factor of a sixth."""
 ROUNDING: Final = 64.0 * float(np.finfo(np.float64).eps)
 """Residuals below this share of the part's size are rounding: nothing is left to gain."""
 
@@ -151,7 +155,8 @@ def _looked_at(
 ) -> Evaluation:
     """Look at the points under a trial placement; after a short step, by what the last look saw."""
     length = settings.length_mm
-    if measure.shifted is not None and movement_mm**3 <= LINEAR * settings.size_mm**3:
+    short = movement_mm**3 <= _QUADRATIC * settings.size_mm**3
+    if measure.shifted is not None and short and len(points_mm) >= _MANY:
         return carried(measure, points_mm, placement, trial, now, length, steering)
     feet, used = now.feet, now.used
     return evaluate(measure, points_mm, trial, length, previous=feet, used=used, steering=steering)
