@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from cmm_align.model import Alignment, DeviationMap, PointStatus
+from cmm_align.model import Alignment, DeviationMap, Judgement, PointStatus
 from cmm_align.model.low_orders import Kind
 from cmm_align.model.removed_motion import words as removed_words
 from cmm_align.report.alignment_summary import details_of_alignment, of_alignment, outliers_of
@@ -88,7 +88,40 @@ def judgements(m: DeviationMap) -> Section:
     """Return what was judged, against what, with which outcome."""
     if not m.verdict_lines:
         return Section("Tolerances", (), note="No tolerance given, so there is no verdict.")
-    return Section("Tolerances", tuple((shown(line),) for line in m.verdict_lines))
+    lines = "; ".join(shown(line) for line in m.verdict_lines)
+    if m.conformance is None:
+        return Section("Tolerances", (), note=lines)
+    rows = tuple(
+        (
+            f"{j.quantity}, {shown(j.unit)}",
+            calm(j.measured),
+            calm(j.value),
+            two_digits(j.u),
+            _limits(j),
+            as_chance(j.probability),
+        )
+        for j in m.conformance.judgements
+    )
+    head = ("", "measured", "less noise", "u", "limits", "P within")
+    guard = f"guard band of {m.conformance.guard_factor:g} u" if m.conformance.guard_factor else "as measured"
+    return Section("Tolerances", rows, head, f"{lines}. Decided by: {guard}.")
+
+
+def as_chance(probability: float) -> str:
+    """Return a probability in percent that says neither never nor always."""
+    percent = 100.0 * probability
+    if percent < 0.1:
+        return "< 0.1 %"
+    return "> 99.9 %" if percent > 99.9 else f"{percent:.1f} %"
+
+
+def _limits(j: Judgement) -> str:
+    """Return the limits of a judgement."""
+    if j.lower is not None and j.upper is not None:
+        return f"{j.lower:+g} … {j.upper:+g}".replace("-", "\N{MINUS SIGN}")
+    if j.lower is None and j.upper is None:
+        return "by point"
+    return f"≤ {j.upper:g}" if j.upper is not None else f"≥ {j.lower:g}"
 
 
 def ladder(m: DeviationMap) -> Section:
@@ -206,13 +239,15 @@ def conventions(m: DeviationMap, probe: str) -> Section:
 
 def further(m: DeviationMap) -> Section:
     """Return what the summary on the screen says and no section before does."""
+    rungs = {f"without {rung.removed.removeprefix('+ ')}" for rung in m.ladder}
+    rungs |= {f"without {rung.removed}" for rung in m.ladder}
     rows: list[Row] = []
     last = ""
     for label, words in (*of_map(m), *details_of_map(m)):
         last = label or last
-        if last not in _TOLD and not last.startswith("without "):
+        if last not in _TOLD and last not in rungs:
             rows.append((label, shown(words)))
-    return Section("How it was made", tuple(rows))
+    return Section("More numbers, and how they were made", tuple(rows))
 
 
 def headline_um(m: DeviationMap) -> list[tuple[str, float, str]]:

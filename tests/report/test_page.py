@@ -181,9 +181,20 @@ def test_pictures_are_kept_as_long_as_there_is_room(a_map, page_of):
 
 
 def test_what_only_the_summary_says_is_on_the_page_too(a_map):
-    made = {s.title: s for s in sections(a_map, PROBE)}["How it was made"]
+    made = {s.title: s for s in sections(a_map, PROBE)}["More numbers, and how they were made"]
 
-    assert "method" in {row[0] for row in made.rows}
+    assert {"method", "without noise", "slope error"} <= {row[0] for row in made.rows}
+    assert not {"without power", "without rigid motion", "without 36 terms"} & {row[0] for row in made.rows}
+
+
+def test_each_tolerance_is_told_with_its_chance(a_map):
+    told = next(s for s in sections(a_map, PROBE) if s.title == "Tolerances")
+    (j,) = a_map.conformance.judgements
+
+    assert told.rows == (
+        ("PV, µm", f"{j.measured:.2f}", f"{j.value:.2f}", *told.rows[0][3:4], "≤ 10", "< 0.1 %"),
+    )
+    assert "guard band of 1.65 u" in told.note
 
 
 @pytest.mark.parametrize("n", [512, 1500])
