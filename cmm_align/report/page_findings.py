@@ -1,10 +1,40 @@
-"""Sections of the page for what not every map has: a comparison with an earlier measurement."""
+"""Sections of the page for what not every map has: root causes, a comparison with an earlier measurement."""
 
 from __future__ import annotations
 
 from cmm_align.model import Change, DeviationMap
 from cmm_align.report.page_section import Section, shown
-from cmm_align.report.wording import as_percent, calm
+from cmm_align.report.wording import as_percent, calm, two_digits
+
+
+def causes(m: DeviationMap) -> Section:
+    """Return the settings and effects that would explain the deviations."""
+    found = m.root_causes
+    if found is None:
+        return Section("Root causes", ())
+    rows = [
+        (
+            cause.name,
+            f"{minus(calm(cause.value))} ± {two_digits(cause.u)} {shown(cause.unit)}",
+            as_percent(cause.share),
+            calm(cause.rms_without_um),
+        )
+        for cause in found.causes
+    ]
+    told = [shown(found.words)]
+    if found.hidden:
+        told.append(f"the data say nothing about {', '.join(found.hidden)}")
+    return Section(
+        "Root causes",
+        tuple(rows),
+        ("cause", "value", "share", "RMS without, µm") if rows else (),
+        f"{'; '.join(told)}.",
+    )
+
+
+def minus(number: str) -> str:
+    """Return a number with a true minus."""
+    return number.replace("-", "\N{MINUS SIGN}")
 
 
 def changed(m: DeviationMap) -> Section:

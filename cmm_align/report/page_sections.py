@@ -13,14 +13,14 @@ from cmm_align.model.low_orders import Kind
 from cmm_align.model.removed_motion import words as removed_words
 from cmm_align.report.alignment_summary import details_of_alignment, of_alignment, outliers_of
 from cmm_align.report.canvas import signed, thin
-from cmm_align.report.page_findings import changed
+from cmm_align.report.page_findings import causes, changed
 from cmm_align.report.page_section import Row, Section, shown
 from cmm_align.report.summary import details_of_map, of_map
 from cmm_align.report.wording import as_length, as_percent, calm, decimals, two_digits
 from cmm_align.units import UM_PER_MM
 
 _TOLD: Final = {"PV", "RMS", "PVr", "mean", "highest", "lowest", "highest point", "lowest point"} | {
-    *("profile (ISO 1101)", "coverage", "form", "filter", "grid", "sign")
+    *("profile (ISO 1101)", "coverage", "form", "filter", "grid", "sign", "cause", "causes")
 }
 """Rows of the summary that have a place of their own on the page."""
 
@@ -38,6 +38,7 @@ def sections(deviation_map: DeviationMap, probe: str) -> list[Section]:
     found = [
         numbers(deviation_map),
         judgements(deviation_map),
+        causes(deviation_map),
         changed(deviation_map),
         ladder(deviation_map),
         form(deviation_map),

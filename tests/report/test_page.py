@@ -12,12 +12,14 @@ from truth_maps import WINDOW, Quadric, aligned, form_error_mm, random_places
 from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import GeometryError
 from cmm_align.model import FitReport, PointStatus, Verdict, frozen_array
+from cmm_align.model.root_causes import Cause, Member, RootCauses
 from cmm_align.provenance import InputFile, Step
 from cmm_align.report.instruction import instruction
 from cmm_align.report.page import PagePicture, lean, write_page
 from cmm_align.report.page_map import MOST_NODES, map_data, outline, packed, packed_u, thinning
 from cmm_align.report.page_section import shown
 from cmm_align.report.page_sections import sections
+from cmm_align.stages.cause_signatures import SET
 from cmm_align.stages.comparison import compare
 from cmm_align.stages.error_map import error_map
 
@@ -255,3 +257,24 @@ def test_there_is_one_instruction(a_map, verdict, coverage, order):
 
     assert told.order == order
     assert bool(told.command) == (verdict == Verdict.FAIL)
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy", "odds", "order"),
+    [
+        ("wheel radius", SET, 1e9, "Change wheel radius by \N{MINUS SIGN}3.21 µm first"),
+        ("wheel radius", SET, 2.0, "Check wheel radius first"),
+        ("drift along z", "let the machine settle, then measure again", 1e9, "Let the machine settle"),
+    ],
+)
+def test_a_cause_that_explains_most_comes_before_a_compensation(a_map, name, remedy, odds, order):
+    other = Member("stylus radius", 3.0, 0.3, "um", None, "", odds)
+    cause = Cause(name, -3.21, 0.4, "um", None, None, "", remedy, 0.61, 0.03, 3.2, 1.9, 1e12, (other,))
+    found = RootCauses((cause,), "", ("wheel radius",), ("tilt",), 4.0, 1.9, 2000, 500, 0.0, (0.0, 0.0))
+    m = replace(a_map, root_causes=found, verdict=Verdict.FAIL)
+    told = {s.title: s for s in sections(m, PROBE)}["Root causes"]
+
+    assert instruction(m, "cmm-align compensate x").order == order
+    assert instruction(replace(m, verdict=Verdict.PASS), "").order == "Clean and ship"
+    assert told.rows == ((name, "\N{MINUS SIGN}3.210 ± 0.40 µm", "61 %", "1.900"),)
+    assert "say nothing about tilt" in told.note
