@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from cmm_align.report.wishes import Wishes
 
 
-_LARGE_SVG: Final = 300_000
+_DOTS: Final = {"bands", "outliers"}
+"""Pictures that are mostly colours of a map: as SVG they would be larger."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,31 +120,32 @@ class Papers:
 
 
 def _page_pictures(deviation_map: DeviationMap, wishes: Wishes) -> list[PagePicture]:
-    """Return the pictures for the page; what has nothing to show is left out, the map it draws itself."""
+    """Return the pictures for the page; without map and relief, which its own map replaces."""
     from cmm_align.report.comparison_picture import draw_comparison
     from cmm_align.report.page import PagePicture
 
-    drawings: dict[str, Callable[[Path], None]] = {
-        picture.sentence: partial(draw, name, deviation_map, wishes=wishes)
-        for name, picture in PICTURES.items()
-        if name != "map"
-    }
-    if deviation_map.comparison is not None:
-        drawings["what changed since the earlier measurement"] = partial(
-            draw_comparison, deviation_map, title=wishes.title, source=wishes.source
+    left_out = {"map", "relief"} | (set() if deviation_map.alignment.report.n_outliers else {"outliers"})
+    drawings: list[tuple[str, str, Callable[[Path], None]]] = [
+        (
+            picture.sentence,
+            "png" if name in _DOTS else "svg",
+            partial(draw, name, deviation_map, wishes=wishes),
         )
+        for name, picture in PICTURES.items()
+        if name not in left_out
+    ]
+    if deviation_map.comparison is not None:
+        changes = partial(draw_comparison, deviation_map, title=wishes.title, source=wishes.source)
+        drawings.append(("what changed since the earlier measurement", "png", changes))
     pictures = []
     with TemporaryDirectory() as folder, catch_warnings():
         simplefilter("ignore")  # a letter that the font has not is no reason to talk
-        for title, drawing in drawings.items():
-            path = Path(folder) / "picture.svg"
+        for title, kind, drawing in drawings:
+            path = Path(folder) / f"picture.{kind}"
             try:
                 drawing(path)
             except GeometryError:
                 continue
-            if path.stat().st_size > _LARGE_SVG:  # mostly colours of a map: smaller as dots
-                path = path.with_suffix(".png")
-                drawing(path)
             pictures.append(PagePicture(title, path.read_bytes()))
     return pictures
 
