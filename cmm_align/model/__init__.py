@@ -20,6 +20,18 @@ from cmm_align.model.correction import (
 )
 from cmm_align.model.fit_report import FitReport, FitStep, FreeScale, PointStatus
 from cmm_align.model.judgement import Conformance, Judgement
+from cmm_align.model.ledger import (
+    BandRecord,
+    BandResponse,
+    Dressing,
+    LearnedBand,
+    LearnedTransfer,
+    Ledger,
+    LedgerPass,
+    PassOutcome,
+    WaveBand,
+    WheelWear,
+)
 from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.map_numbers import Irregularity, MadeBy, MapNumbers, SlopeError
 from cmm_align.model.monte_carlo import MonteCarlo, PointSpread, Spread
@@ -53,6 +65,8 @@ __all__ = [
     "MIN_POINTS",
     "Alignment",
     "Band",
+    "BandRecord",
+    "BandResponse",
     "Bidirectional",
     "Change",
     "ChangeBand",
@@ -64,6 +78,7 @@ __all__ = [
     "CorrectionLimits",
     "CorrectionStatus",
     "DeviationMap",
+    "Dressing",
     "Equidistant",
     "Fiducials",
     "FitReport",
@@ -73,6 +88,10 @@ __all__ = [
     "Irregularity",
     "Judgement",
     "LadderRung",
+    "LearnedBand",
+    "LearnedTransfer",
+    "Ledger",
+    "LedgerPass",
     "LowOrders",
     "MadeBy",
     "MapFilter",
@@ -81,6 +100,7 @@ __all__ = [
     "MotionLimits",
     "Nominal",
     "NominalQuality",
+    "PassOutcome",
     "PassPrediction",
     "PassResponse",
     "PointKind",
@@ -98,6 +118,8 @@ __all__ = [
     "Spread",
     "Statistics",
     "Verdict",
+    "WaveBand",
+    "WheelWear",
     "frozen_array",
     "joined",
 ]

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cmm_align.config import ErrorMapConfig
-from cmm_align.model import Alignment, DeviationMap
+from cmm_align.model import Alignment, DeviationMap, Nominal
 from cmm_align.numerics.aperture_basis import node_widths
 from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import local_regression
@@ -112,7 +112,9 @@ def u_rms(pair: Pair, side: Side) -> float:
         return float(added**0.5)
     noise = float(np.mean((w * e) ** 2 * side.handed_mm2[pair.known])) / (len(e) * rms**2)
     x, y = (grid[pair.known] for grid in np.meshgrid(pair.x_mm, pair.y_mm))
-    gradient = (w * e) @ _motion_rows(side.alignment, x, y) / (len(e) * rms)
+    gradient = (
+        (w * e) @ motion_rows(side.alignment.nominal, x, y, side.alignment.centroid_mm) / (len(e) * rms)
+    )
     pose = max(float(gradient @ _covariance(side.alignment) @ gradient), 0.0)
     simulated = side.alignment.report.monte_carlo
     machine = 0.0 if simulated is None else simulated.rms.std_um / UM_PER_MM
@@ -142,7 +144,8 @@ def _side(alignment: Alignment, places: Places, axes: tuple[Array, Array], confi
         float(np.median(raised)) if raised.size else 1.0
     )  # where uncertainties are stated, larger than seen
     handed = handed_noise(fit, known, half_width=config.window) * lift**2
-    rows = _motion_rows(alignment, *(grid.ravel() for grid in np.meshgrid(*axes)))
+    places_x, places_y = (grid.ravel() for grid in np.meshgrid(*axes))
+    rows = motion_rows(alignment.nominal, places_x, places_y, alignment.centroid_mm)
     pose = np.einsum("ni,ij,nj->n", rows, _covariance(alignment), rows).reshape(known.shape)
     cells = (2 * max(1, int(config.window)) + 1) ** 2
     spare = max(len(x) - 6.0 * np.count_nonzero(known) / cells, 1.0)
@@ -169,14 +172,26 @@ def _masked(side: Side, known: Mask) -> Side:
     )
 
 
-def _motion_rows(alignment: Alignment, x: Array, y: Array) -> Array:
-    """Return what small motions about the centroid of the points change at places (x, y), shape (n, 6)."""
-    nominal = alignment.nominal
+def motion_rows(nominal: Nominal, x: Array, y: Array, centre_mm: Array) -> Array:
+    """Return what small motions of a part change of its deviations.
+
+    Parameters
+    ----------
+    nominal : Nominal
+    x, y : ndarray, shape (n,), mm, frame `surface`
+    centre_mm : ndarray, shape (3,), mm, frame `part`
+        That rotations are about.
+
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        Along the normal, of (rx, ry, rz, tx, ty, tz).
+    """
     jet = nominal.surface.jet(x, y)
     back = nominal.surface_from_part.inverse()
     normals = back.rotate(unit_normal(jet, nominal.side))
     tip = back.apply(np.stack([x, y, jet.z], axis=1)) + nominal.tip_radius_mm * normals
-    return np.hstack([np.cross(tip - alignment.centroid_mm, normals), normals])
+    return np.hstack([np.cross(tip - centre_mm, normals), normals])
 
 
 def _covariance(alignment: Alignment) -> Array:
