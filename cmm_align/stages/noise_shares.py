@@ -217,12 +217,12 @@ def _rms(m: Measured, u_machine: float) -> Told:
 
 def _without_border(m: Measured) -> float:
     """Return the standard uncertainty of the RMS from undetermined nodes beside known ones."""
-    from scipy.ndimage import maximum_filter, minimum_filter
-
     known = m.nodes.known
     open_nodes = m.inside & ~known
     if not open_nodes.any():
         return 0.0
+    from scipy.ndimage import maximum_filter, minimum_filter  # slow to import
+
     field = np.where(known, m.deviation_mm, 0.0)
     high, low = maximum_filter(field, 3)[open_nodes], minimum_filter(field, 3)[open_nodes]
     neighbour = np.where(np.abs(high) > np.abs(low), high, low)
