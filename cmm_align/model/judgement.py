@@ -42,3 +42,8 @@ class Conformance:
     judgements: tuple[Judgement, ...]
     probability: float
     """That the part keeps all tolerances, where it was measured: at least this (exact for a single one)."""
+
+    @property
+    def undecided(self) -> bool:
+        """Whether a tolerance lies inside its guard band."""
+        return any(j.verdict == "undecided" for j in self.judgements)

@@ -1,6 +1,7 @@
 """The one thing to do next with a part: for its operator, who reads one line.
 
-The first rule that holds decides: a map that does not know the part, an open verdict, a part within
+The first rule that holds decides: a map that does not know the part, outliers that alone keep the verdict
+open, an open verdict, a part within
 tolerance, a part out of it for one cause that a setting removes, a part out of it, no tolerance at all.
 """
 
@@ -52,6 +53,12 @@ def instruction(deviation_map: DeviationMap, command: str) -> Instruction:
         whole = m.alignment.report.report_region.removeprefix("the ") or "part"
         return Instruction(
             "Measure the rest", "", f"The map knows {as_percent(m.coverage)} of the {whole} only."
+        )
+    if m.verdict == Verdict.UNDECIDED and m.conformance is not None and not m.conformance.undecided:
+        return Instruction(
+            "Clean, then measure again",
+            "",
+            "Points left out as outliers break the tolerance: dirt, or a fault of the part.",
         )
     if m.verdict == Verdict.UNDECIDED:
         return Instruction(

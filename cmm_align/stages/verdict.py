@@ -10,6 +10,8 @@ parts at the limit the wrong way.
 The probability of conformance is that of JCGM 106:2012, eq. (6), ``Phi((T - y) / u)``, with y the number
 without noise. Of several tolerances together it is at least ``1 - sum (1 - p)``, whatever they share.
 What was not measured cannot pass: with less than nine tenths of the nominal the verdict is undecided at best.
+So it is where points that the fit left out as outliers would break a tolerance: dirt and a fault of the part
+look alike, and only who cleans and measures again can tell. After a filter, single points do not count.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from cmm_align.errors import UsageError
 from cmm_align.model import Conformance, Judgement, SlopeError, Verdict
 from cmm_align.stages.map_numbers import Band
 from cmm_align.stages.noise_shares import Measured, Shares, Told, over_band, over_limits
+from cmm_align.stages.report_region import outliers_mm
 from cmm_align.units import UM_PER_MM
 
 MIN_COVERAGE: Final = 0.9
@@ -120,10 +123,34 @@ def judge(
     if coverage < MIN_COVERAGE:
         outcomes.append(Verdict.UNDECIDED)
         lines.append(f"only {100.0 * coverage:.0f} % of the nominal was measured: undecided at best")
+    if breaking := _of_outliers(m, config, band_mm):
+        outcomes.append(Verdict.UNDECIDED)
+        lines.append(breaking)
     worst = next(v for v in (Verdict.FAIL, Verdict.UNDECIDED, Verdict.PASS) if v in outcomes)
     together = max(0.0, 1.0 - sum(1.0 - j.probability for j in found))
     guard = config.guard_factor if config.decision == GUARD_BAND else 0.0
     return worst, tuple(lines), Conformance(config.decision, guard, tuple(found), together)
+
+
+def _of_outliers(m: Measured, config: ErrorMapConfig, band_mm: Band | None) -> str:
+    """Say that outliers would break a tolerance on deviations; nothing where none would."""
+    out = outliers_mm(m.alignment)
+    if m.filtered or not len(out):
+        return ""
+    p = m.point_statistics
+    low, high = min(p.min_mm, float(out.min())), max(p.max_mm, float(out.max()))
+    found = [
+        (high - low, config.tolerance_pv_um),
+        (2.0 * max(high, -low), config.tolerance_profile_um),
+    ]
+    broken = any(0.0 < limit_um < value * UM_PER_MM for value, limit_um in found)
+    if band_mm is not None:  # limits of single points: the tightest, for outliers have none of their own
+        broken |= bool(out.min() < np.max(band_mm[0]) or out.max() > np.min(band_mm[1]))
+    if not broken:
+        return ""
+    worst = float(out[np.argmax(np.abs(out))]) * UM_PER_MM
+    counted = "1 point" if len(out) == 1 else f"{len(out)} points"
+    return f"{counted} left out as outliers, up to {worst:+.4g} um, would break it: undecided at best"
 
 
 def _excess(m: Measured, band_mm: Band) -> Told:
