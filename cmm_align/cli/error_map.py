@@ -28,12 +28,29 @@ if TYPE_CHECKING:
 TEXT = """Map of the deviations of ALIGNED, with statistics, a picture and a verdict.
 
 Positive is excess material, along the outward normal. With a tolerance the exit code tells the
-verdict: 0 within, 5 out, 6 undecided because the tolerance lies inside the uncertainty. (A machine's
-own "error map" of 21 geometric components is another thing.)
+verdict: 0 within, 5 out, 6 undecided: the tolerance lies inside the uncertainty, too little was
+measured, or points left out as outliers would break it. 8 is a picture or file that could not be
+written. (A machine's own "error map" of 21 geometric components is another thing.)
 """
 
 
-@options.command("error-map", TEXT)
+HEADINGS = {
+    "Verdict": (
+        "--tolerance-pv",
+        "--tolerance-rms",
+        "--tolerance-profile",
+        "--tolerance-slope",
+        "--tolerance-band",
+        "--decision",
+    ),
+    "Papers and files": ("--report", "--card", "--pass", "--export", "--output", "--overwrite"),
+    "Pictures": ("--pictures", "--picture-format", "--section", "--scale", "--no-picture"),
+    "Which points and waves count": ("--report-region", "--spacing", "--low-pass", "--high-pass", "--filter"),
+    "What changed, and why": ("--compare", "--cause-axis"),
+}
+
+
+@options.command("error-map", TEXT, headings=HEADINGS)
 @click.argument("aligned", type=FILE)
 @click.option(
     "--spacing", type=Length(), metavar="L", help="Spacing of the grid.  [default: from the points]"
@@ -121,8 +138,8 @@ own "error map" of 21 geometric components is another thing.)
     help="Write the map for others too: a table, X3P (ISO 25178-72), Zygo's .dat; repeatable.",
 )
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
-@click.option("--report", is_flag=True, help="Write <map>.html too: one page to look at, sign and print.")
-@click.option("--card", is_flag=True, help="Write <map>.card.pdf too: one A5 page for the operator.")
+@click.option("--report", is_flag=True, help="Write <measured>.map.html: one page to look at, sign, print.")
+@click.option("--card", is_flag=True, help="Write <measured>.card.pdf: one A5 page for the operator.")
 @click.option(
     "--pass",
     "pass_number",

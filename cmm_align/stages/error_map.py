@@ -192,21 +192,26 @@ def _told(alignment: Alignment, x_mm: Array, y_mm: Array) -> Mask:
 def _common(
     alignment: Alignment, places: Places, nodes: MapNodes, config: ErrorMapConfig
 ) -> tuple[float, float]:
-    """Return the simulated uncertainty of RMS and PV, mm: what touches have in common; else 0.
+    """Return the uncertainty of RMS and PV, mm, beyond what the scatter of the points shows.
 
-    For another region than was simulated it is a bound: ``u(RMS) <= mean(|e| sigma) / RMS`` and ``u(PV) <=
-    sigma_max + sigma_min``, as if the errors of all points went together.
+    Of a Monte Carlo as it found them. For another region than was simulated it is a bound: ``u(RMS) <=
+    mean(|e| sigma) / RMS`` and ``u(PV) <= sigma_max + sigma_min``, as if the errors of all points went
+    together. Without one, what stated uncertainties of points are larger than their scatter, as independent.
     """
     simulated = alignment.report.monte_carlo
-    if simulated is None or alignment.sigma_mm is None:
+    if alignment.sigma_mm is None:
         return 0.0, 0.0
+    ends = nodes.machine_mm[[int(np.argmin(nodes.deviation_mm)), int(np.argmax(nodes.deviation_mm))]]
+    if simulated is None:
+        seen = nodes.rms(nodes.sigma_mm)
+        beyond = nodes.rms(nodes.machine_mm) / seen if seen > 0.0 else 0.0
+        return beyond * nodes.noise_of_rms(nodes.deviation_mm), float(np.hypot(*ends))
     if not config.report_region:
         return simulated.rms.std_um / UM_PER_MM, simulated.pv.std_um / UM_PER_MM
     e = places.deviation_mm
     rms = float(np.sqrt(np.mean(e**2)))
     at_most = float(np.mean(np.abs(e) * alignment.sigma_mm[places.rows])) / rms if rms > 0.0 else 0.0
-    ends = int(np.argmin(nodes.deviation_mm)), int(np.argmax(nodes.deviation_mm))
-    return at_most, float(nodes.machine_mm[list(ends)].sum())
+    return at_most, float(ends.sum())
 
 
 def _with_machine(

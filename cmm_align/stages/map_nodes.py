@@ -27,7 +27,8 @@ class MapNodes(NamedTuple):
     sigma_mm: Array
     """Standard uncertainty from the scatter of the points."""
     machine_mm: Array
-    """Standard uncertainty from what touches have in common, where it was simulated; else 0."""
+    """Standard uncertainty beyond that: what touches have in common where it was simulated, or what stated
+    uncertainties are larger than the scatter; else 0."""
     handed_mm2: Array
     """What the noise of the points hands to a sum of nodes: `handed_noise`."""
     known: Mask

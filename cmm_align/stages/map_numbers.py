@@ -16,6 +16,8 @@ from cmm_align.units import UM_PER_MM
 
 PERCENTAGES: Final = (0.1, 0.2, 2.5, 16.0, 50.0, 84.0, 97.5, 99.8, 99.9)
 NOT_IN_U: Final = "errors of the machine that touches have in common (align --monte-carlo tells them)"
+NOT_IN_SHAPES: Final = "what touches have in common, in slope errors and in ISO 10110-5"
+"""After a Monte Carlo: it says how far places err together, not how their differences do."""
 
 Band = tuple[Array | float, Array | float]
 """Lower and upper limit, mm: one for all, or one for each of N points."""
@@ -45,7 +47,9 @@ def map_numbers(
     um = UM_PER_MM
     ranked = _percentiles(nodes)
     even = np.ones_like(nodes.weight)
-    u_mean = np.hypot(nodes.noise_of_mean(even), pose_share(m.pose_covariance, _mean_row(m.alignment, nodes)))
+    of_pose = pose_share(m.pose_covariance, _mean_row(m.alignment, nodes))
+    of_machine = nodes.mean(nodes.machine_mm)  # a bound: as if all places erred together
+    u_mean = np.linalg.norm((nodes.noise_of_mean(even), of_pose, of_machine))
     points_in, area_in = _shares(m, band_mm)
     return MapNumbers(
         n_nodes=s.n,
@@ -141,5 +145,5 @@ def _made_by(alignment: Alignment, used_filter: MapFilter | None) -> MadeBy:
         report_region=report.report_region,
         n_outliers=report.n_outliers,
         n_left_out=int(np.count_nonzero(~alignment.judged)),
-        not_in_u="" if report.monte_carlo is not None else NOT_IN_U,
+        not_in_u=NOT_IN_U if report.monte_carlo is None else NOT_IN_SHAPES,
     )

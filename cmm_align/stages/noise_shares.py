@@ -78,7 +78,8 @@ class Measured(NamedTuple):
     inside: Mask
     """Nodes on the nominal, shape (ny, nx)."""
     common_mm: tuple[float, float] = (0.0, 0.0)
-    """Standard uncertainty of RMS and PV from what touches have in common by the machine's statement."""
+    """Standard uncertainty of RMS and PV from what touches have in common by the machine's statement, or from
+    uncertainties of points that are stated larger than their scatter."""
     noise: PointNoise = PointNoise(0.0, 0.0, 0.0)
     form_mm: Array = np.zeros((1, 1))
     """The map freed of noise as far as may be, shape (ny, nx): what noise is added to."""

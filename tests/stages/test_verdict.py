@@ -128,7 +128,9 @@ def test_an_outlier_that_would_break_a_tolerance_lets_no_part_pass(tolerance):
     assert error_map(with_outlier(0.02), ErrorMapConfig(**tolerance)).verdict == "pass"
     x, y = (float(v[10]) for v in random_places(PLANE, 8000))
     elsewhere = f"circle:{-np.sign(x) * 25},{-np.sign(y) * 15},12"
-    assert error_map(with_outlier(0.05), ErrorMapConfig(report_region=elsewhere, **tolerance)).verdict == "pass"
+    assert (
+        error_map(with_outlier(0.05), ErrorMapConfig(report_region=elsewhere, **tolerance)).verdict == "pass"
+    )
 
 
 @pytest.mark.parametrize(
