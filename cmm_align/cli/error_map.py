@@ -14,7 +14,7 @@ from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, beside, typed
 from cmm_align.cli.map_exports import EXPORTS
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.cli.papers import Papers
-from cmm_align.cli.tolerances import ToleratedLength, ToleratedSlope, in_words, with_band
+from cmm_align.cli.tolerances import ToleratedLength, ToleratedSlope, in_words, limits_of_points, with_band
 from cmm_align.config import DECISIONS, FILTERS, ErrorMapConfig
 from cmm_align.errors import CmmAlignError, OutputError, UsageError
 from cmm_align.report.pictures import FORMATS, PICTURES
@@ -23,7 +23,6 @@ from cmm_align.units import UM_PER_MM
 if TYPE_CHECKING:
     from cmm_align.cli.drawing import Drawings
     from cmm_align.model import Alignment, DeviationMap
-    from cmm_align.surfaces.protocol import Array
 
 TEXT = """Map of the deviations of ALIGNED, with statistics, a picture and a verdict.
 
@@ -288,7 +287,7 @@ def make_map(
         outputs += comparing.files(drawings, output)
     record.check_outputs(job, outputs, inputs)
     config = _with_region(job, config, alignment)
-    of_points = None if table is None else _limits(alignment, config, table, job.units)
+    of_points = None if table is None else limits_of_points(alignment, config, table, job.units)
     deviation_map = error_map(alignment, config, limits=of_points)
     told: list[str] = []
     if earlier is not None:
@@ -365,26 +364,6 @@ def _with_region(job: Job, config: ErrorMapConfig, alignment: Alignment) -> Erro
     surface = alignment.nominal.surface
     region = read_region(config.report_region, surface, job.units, "--report-region")
     return replace(config, report_region=region.text)
-
-
-def _limits(
-    alignment: Alignment, config: ErrorMapConfig, table: Path, units: str | None
-) -> tuple[Array, Array]:
-    """Return the least and largest deviation of every point, mm; all that count must be in the table."""
-    import numpy as np
-
-    from cmm_align import formats
-    from cmm_align.stages.report_region import reported_in
-    from cmm_align.surfaces.region import region_from_text
-
-    if config.report_region:
-        region = region_from_text(config.report_region, alignment.nominal.surface, "report_region")
-        alignment = reported_in(alignment, region)
-    limits = formats.read_limits(table, units)
-    lower, upper = np.full(len(alignment.ids), -np.inf), np.full(len(alignment.ids), np.inf)
-    rows = formats.matched(alignment.ids[alignment.judged], limits.ids, str(table))
-    lower[alignment.judged], upper[alignment.judged] = limits.lower_mm[rows], limits.upper_mm[rows]
-    return lower, upper
 
 
 def _compensation(deviation_map: DeviationMap, output: Path) -> tuple[str, str]:

@@ -33,6 +33,7 @@ from cmm_align.report.instruction import Instruction
 from cmm_align.report.map_picture import map_size, mark_extremes
 from cmm_align.report.page_section import shown
 from cmm_align.report.page_sections import headline_um
+from cmm_align.report.summary import verdict_in_one_line
 from cmm_align.units import MM_PER
 
 MM_PER_INCH: Final = MM_PER["inch"]
@@ -145,13 +146,7 @@ def _verdict(figure: Figure, m: DeviationMap) -> None:
         _write(figure, middle, 169.5, "no tolerance given", 28.0, weight="bold", **look)
         return
     _write(figure, middle, 172.0, m.verdict.value.upper(), 46.0, weight="bold", **look)
-    told = shown("; ".join(sorted(m.verdict_lines, key=_kept)))  # what decides first: there is one line
-    _write(figure, middle, 160.3, _cut(told, _REASON_LETTERS), 10.0, **look)
-
-
-def _kept(line: str) -> bool:
-    """Return whether a line says that its tolerance is kept."""
-    return line.endswith(f": {Verdict.PASS.value}")
+    _write(figure, middle, 160.3, shown(verdict_in_one_line(m, _REASON_LETTERS)), 10.0, **look)
 
 
 def _numbers(figure: Figure, m: DeviationMap) -> None:

@@ -71,6 +71,23 @@ def verdict_of(deviation_map: DeviationMap) -> tuple[str, tuple[str, ...]]:
     return m.verdict.value.upper(), (*m.verdict_lines, *extra)
 
 
+def keeps(line: str) -> bool:
+    """Return whether a sentence of a verdict says that its tolerance is kept."""
+    return line.endswith(f": {Verdict.PASS.value}")
+
+
+def verdict_in_one_line(deviation_map: DeviationMap, most_letters: int) -> str:
+    """Return the sentences of a verdict, what decided it first, as far as there is room."""
+    lines = sorted(deviation_map.verdict_lines, key=keeps)
+    text = lines[0] if lines else ""
+    for told, line in enumerate(lines[1:], start=1):
+        if len(text) + len(line) + len("; ; 9 more") > most_letters:
+            text += f"; {len(lines) - told} more"
+            break
+        text += f"; {line}"
+    return text if len(text) <= most_letters else text[: most_letters - 1] + "\N{HORIZONTAL ELLIPSIS}"
+
+
 def of_map(deviation_map: DeviationMap) -> Rows:
     """Return the summary of `error-map`, without its verdict."""
     m, s = deviation_map, deviation_map.statistics
