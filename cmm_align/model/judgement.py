@@ -44,6 +44,6 @@ class Conformance:
     """That the part keeps all tolerances, where it was measured: at least this (exact for a single one)."""
 
     @property
-    def undecided(self) -> bool:
-        """Whether a tolerance lies inside its guard band."""
-        return any(j.verdict == "undecided" for j in self.judgements)
+    def kept(self) -> bool:
+        """Whether every tolerance is kept by what was measured and counts."""
+        return all(j.verdict == "pass" for j in self.judgements)

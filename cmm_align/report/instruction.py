@@ -68,7 +68,7 @@ def instruction(deviation_map: DeviationMap, command: str) -> Instruction:
 
 def _undecided(m: DeviationMap) -> Instruction:
     """Return what to do with a part whose verdict is open."""
-    if m.conformance is not None and not m.conformance.undecided:
+    if m.conformance is not None and m.conformance.kept:
         return Instruction(
             "Clean, then measure again",
             "",

@@ -66,7 +66,7 @@ def verdict_of(deviation_map: DeviationMap) -> tuple[str, tuple[str, ...]]:
     m = deviation_map
     if m.verdict == Verdict.NONE:
         return "", ()
-    inside = m.verdict == Verdict.UNDECIDED and (m.conformance is None or m.conformance.undecided)
+    inside = m.verdict == Verdict.UNDECIDED and (m.conformance is None or not m.conformance.kept)
     extra = ("inside the guard band: neither within nor out",) if inside else ()
     return m.verdict.value.upper(), (*m.verdict_lines, *extra)
 
