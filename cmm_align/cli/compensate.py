@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from cmm_align.cli import options
+from cmm_align.cli import noting, options
 from cmm_align.cli.exporting import HEADINGS, exporting_options, with_options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
@@ -32,7 +32,7 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 """
 
 
-@options.command("compensate", TEXT, headings=HEADINGS)
+@options.command("compensate", TEXT, headings={**HEADINGS, **noting.HEADINGS})
 @click.argument("map_file", type=FILE, metavar="MAP")
 @click.option("--gain", metavar="G", help="Share to take off, or wiener: one by wavelength.  [default: 1.0]")
 @click.option("--force-gain", is_flag=True, help="Allow a gain over 1.2, below 2.")
@@ -49,6 +49,7 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 @click.option("--previous", type=FILE, metavar="FILE", help="Correction that this part was ground with.")
 @click.option("--first-pass", is_flag=True, help="The part was ground to the nominal, with no correction.")
 @exporting_options
+@noting.ledger_options
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.comp.h5")
 def command(
@@ -83,6 +84,7 @@ def command(
         "trust_me": trust_me or None,
     }
     config = replace(config, **{name: value for name, value in given.items() if value is not None})
+    config, part = noting.with_ledger(config, grinding)
     config, export = with_options(config, job.config.export, grinding)
     return finish(
         job,
@@ -95,6 +97,7 @@ def command(
             first_pass=first_pass,
             picture=not no_picture,
             output=output,
+            part=part,
         ),
     )
 
@@ -121,6 +124,7 @@ def make_correction(
     first_pass: bool = False,
     picture: bool = True,
     output: Path | None = None,
+    part: str | None = None,
 ) -> Outcome:
     """Read a map, compute the correction, write it and its exports.
 
@@ -139,6 +143,8 @@ def make_correction(
         Whether to draw the correction, beside the output and with its stem.
     output : Path, optional
         Beside the input unless given.
+    part : str, optional
+        Name of the part in the ledger of the settings.
 
     Raises
     ------
@@ -152,6 +158,7 @@ def make_correction(
     from cmm_align.cli import cautions, exporting, opening, record, results
     from cmm_align.cli.drawing import try_one
     from cmm_align.io.schema import CORRECTION, MAP
+    from cmm_align.provenance import this_step
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
 
@@ -172,14 +179,20 @@ def make_correction(
     if before is not None and previous is not None and not config.trust_me:
         _check_last_pass(map_file, deviation_map, previous, before, output)
     record.check_outputs(job, outputs, inputs)
-    correction = compensate(deviation_map, config, before)
+    time_utc = this_step(job.command, {}).time_utc
+    ledger = noting.opened(config, part, map_file, deviation_map, before, time_utc)
+    learned = ledger.used if ledger is not None else None
+    correction = compensate(deviation_map, config, before, learned)
     _check_data(correction, str(map_file))
     wheel, depth = exporting.checked_wheel(correction, config)
     exports = exporting.prepared(plan, correction, config, beside(map_file, "").name)
-    steps = record.steps(job, inputs, after=inputs, compensate=config, export=export, first_pass=first_pass)
-    io.write(correction, output, steps, overwrite=job.overwrite)
-    for path, one in exports:
-        one.write(path, overwrite=job.overwrite)
+    settings = {"compensate": config, "export": export, "first_pass": first_pass}
+    settings |= {"learned_transfer": noting.learned_result(learned)} if learned is not None else {}
+    steps = record.steps(job, inputs, after=inputs, **settings)
+    with noting.adding(ledger, deviation_map, correction, before, time_utc, replace_row=job.overwrite):
+        io.write(correction, output, steps, overwrite=job.overwrite)
+        for path, one in exports:
+            one.write(path, overwrite=job.overwrite)
 
     def draw(path: Path) -> None:
         from cmm_align.report.correction_picture import draw_correction
@@ -193,9 +206,12 @@ def make_correction(
         noun=correction,
         inputs=steps[-1].inputs,
         outputs=[path for path in outputs if not faults or path != drawing],
-        result=results.of_correction(correction, plan.paths) | exporting.result(wheel, depth),
+        result=results.of_correction(correction, plan.paths)
+        | exporting.result(wheel, depth)
+        | {"ledger": None if ledger is None else ledger.result()},
         rows=[
             *summary.of_correction(correction),
+            *(ledger.rows() if ledger is not None else ()),
             *exporting.rows(wheel, depth, plan.paths),
             results.probe_row(correction.nominal),
         ],
@@ -205,6 +221,7 @@ def make_correction(
             *cautions.of_causes(deviation_map),
             *cautions.of_correction(correction),
             *exporting.warnings(wheel),
+            *(ledger.warnings(before) if ledger is not None else ()),
         ],
         advice=f"grind {plan.paths[0].name}, measure the part again, and keep {output.name}: the "
         "compensation after that one takes it with --previous",

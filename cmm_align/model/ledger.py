@@ -34,11 +34,10 @@ class BandResponse:
 
 @dataclass(frozen=True, slots=True)
 class BandRecord:
-    """RMS of the deviations and of the correction of a pass in a band, and what came of it, if known."""
+    """RMS of the deviations and of the correction of a pass in a band."""
 
     deviation_rms_um: float
     correction_rms_um: float
-    came: BandResponse | None = None
 
 
 @dataclass(frozen=True, slots=True)
