@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -50,6 +51,7 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 @click.option("--first-pass", is_flag=True, help="The part was ground to the nominal, with no correction.")
 @exporting_options
 @noting.ledger_options
+@click.option("--no-gate", is_flag=True, help="Write the exports unchecked.")
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.comp.h5")
 def command(
@@ -66,6 +68,7 @@ def command(
     trust_me: bool,
     previous: Path | None,
     first_pass: bool,
+    no_gate: bool,
     no_picture: bool,
     output: Path | None,
     **grinding: Any,
@@ -95,6 +98,7 @@ def command(
             export=export,
             previous=previous,
             first_pass=first_pass,
+            gate=not no_gate,
             picture=not no_picture,
             output=output,
             part=part,
@@ -122,6 +126,7 @@ def make_correction(
     export: ExportConfig = ExportConfig(),  # noqa: B008 - frozen
     previous: Path | None = None,
     first_pass: bool = False,
+    gate: bool = True,
     picture: bool = True,
     output: Path | None = None,
     part: str | None = None,
@@ -139,6 +144,8 @@ def make_correction(
         What `compensate` wrote before this part was ground.
     first_pass : bool
         Whether the part was ground without a correction, whatever lies beside the map.
+    gate : bool
+        Whether the exports are read back and judged before they get their names.
     picture : bool
         Whether to draw the correction, beside the output and with its stem.
     output : Path, optional
@@ -153,14 +160,17 @@ def make_correction(
     InputError
         If more than half of the nodes would have to be continued without data, or the wheel gouges or runs
         in air.
+    GateError
+        If an export would not make the part better; nothing is written then.
     """
     from cmm_align import io
-    from cmm_align.cli import cautions, exporting, opening, record, results
+    from cmm_align.cli import cautions, exporting, gating, opening, record, results
     from cmm_align.cli.drawing import try_one
     from cmm_align.io.schema import CORRECTION, MAP
     from cmm_align.provenance import this_step
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
+    from cmm_align.stages.wheel_check import wheel_of
 
     opening.check_stage(map_file, MAP, job.command, job.units)
     if output is None:
@@ -189,10 +199,21 @@ def make_correction(
     settings = {"compensate": config, "export": export, "first_pass": first_pass}
     settings |= {"learned_transfer": noting.learned_result(learned)} if learned is not None else {}
     steps = record.steps(job, inputs, after=inputs, **settings)
-    with noting.adding(ledger, deviation_map, correction, before, time_utc, replace_row=job.overwrite):
+    noted = noting.adding(ledger, deviation_map, correction, before, time_utc, replace_row=job.overwrite)
+    with noted, ExitStack() as stack:
+        report = gating.written(
+            stack,
+            plan,
+            exports,
+            deviation_map,
+            correction,
+            wheel_of(config),
+            gating.surface_from_part(correction),
+            overwrite=job.overwrite,
+            skip=not gate,
+        )
+        correction = replace(correction, gate=gating.with_wheel(report, wheel, depth))
         io.write(correction, output, steps, overwrite=job.overwrite)
-        for path, one in exports:
-            one.write(path, overwrite=job.overwrite)
 
     def draw(path: Path) -> None:
         from cmm_align.report.correction_picture import draw_correction
@@ -208,7 +229,8 @@ def make_correction(
         outputs=[path for path in outputs if not faults or path != drawing],
         result=results.of_correction(correction, plan.paths)
         | exporting.result(wheel, depth)
-        | {"ledger": None if ledger is None else ledger.result()},
+        | {"ledger": None if ledger is None else ledger.result()}
+        | gating.result(correction.gate or report),
         rows=[
             *summary.of_correction(correction),
             *(ledger.rows() if ledger is not None else ()),
@@ -217,6 +239,7 @@ def make_correction(
         ],
         details=summary.details_of_correction(correction),
         warnings=[
+            *([] if gate else [gating.SKIPPED]),
             *faults,
             *cautions.of_causes(deviation_map),
             *cautions.of_correction(correction),

@@ -16,6 +16,7 @@ from cmm_align.model import (
     Correction,
     CorrectionBand,
     CorrectionLimits,
+    GateReport,
     PassPrediction,
     PassResponse,
     Statistics,
@@ -35,7 +36,7 @@ _GRIDS: Final = (
 )
 
 _MORE_GRIDS: Final = ("deviation_mm", "status")
-_RECORDS: Final = ("band", "limits", "prediction", "response")
+_RECORDS: Final = ("band", "limits", "prediction", "response", "gate")
 """What files of older versions do not hold."""
 
 
@@ -101,6 +102,7 @@ def read_body(file: h5py.File) -> Correction:
         limits=_record(file, "limits", CorrectionLimits),
         prediction=_record(file, "prediction", PassPrediction),
         response=_record(file, "response", PassResponse),
+        gate=_record(file, "gate", GateReport),
     )
 
 

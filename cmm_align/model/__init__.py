@@ -19,6 +19,7 @@ from cmm_align.model.correction import (
     ProcessTransfer,
 )
 from cmm_align.model.fit_report import FitReport, FitStep, FreeScale, PointStatus
+from cmm_align.model.gate import GateCheck, GatedExport, GateReport
 from cmm_align.model.judgement import Conformance, Judgement
 from cmm_align.model.ledger import (
     BandRecord,
@@ -84,6 +85,9 @@ __all__ = [
     "FitReport",
     "FitStep",
     "FreeScale",
+    "GateCheck",
+    "GateReport",
+    "GatedExport",
     "IntArray",
     "Irregularity",
     "Judgement",

@@ -16,6 +16,7 @@ from cmm_align.model import (
     Statistics,
     Verdict,
 )
+from cmm_align.report.gate_rows import gate_details, gate_rows
 from cmm_align.report.number_rows import of_numbers
 from cmm_align.report.wording import as_length, as_percent, at_place, extreme, in_nm, in_um
 from cmm_align.units import MRAD_PER_RAD, UM_PER_MM
@@ -193,6 +194,7 @@ def of_correction(correction: Correction) -> Rows:
             f"{len(c.x_mm)} x {len(c.y_mm)} nodes, {n_extended} of {known.size} continued from neighbours",
         ),
         *_left_out(c),
+        *gate_rows(c.gate),
     ]
 
 
@@ -244,6 +246,7 @@ def details_of_correction(correction: Correction) -> Rows:
     return [
         ("sum of all passes", f"{extreme(low)} to {extreme(high)}, relative to the nominal"),
         *_sizes(c),
+        *gate_details(c.gate),
         ("maps before this", str(len(c.applied_maps))),
         ("spacing", f"{as_length(float(c.x_mm[1] - c.x_mm[0]))} x {as_length(float(c.y_mm[1] - c.y_mm[0]))}"),
         ("highest after", f"{extreme(c.predicted.max_mm)} at {at_place(c.predicted.max_at_mm)}"),
