@@ -158,7 +158,14 @@ def rounding_check(found: Found, explained_mm: Array) -> GateCheck:
 
 
 def ripple_check(found: Found, explained_mm: Array) -> GateCheck:
-    """Ask whether the file steps from point to point: a staircase of too few decimals."""
+    """Ask whether the file steps from point to point: a staircase of too few decimals.
+
+    Parameters
+    ----------
+    found : Found
+        In the order of the file.
+    explained_mm : ndarray, shape (n,), mm
+    """
     off = found.off_mm - explained_mm
     second = off[2:] - 2.0 * off[1:-1] + off[:-2]
     sure = found.unsure_mm == 0.0
@@ -232,7 +239,14 @@ def band_check(told: ToldSurface, correction: Correction, off_mm: Array) -> Gate
 
 
 def rms_check(deviation: Array, change: Array, accuracy_mm: float) -> GateCheck:
-    """Ask whether the RMS of the measured points falls if a machine does as the file says."""
+    """Ask whether the RMS of the measured points falls if a machine does as the file says.
+
+    Parameters
+    ----------
+    deviation, change : ndarray, shape (n,), mm
+        At the measured points.
+    accuracy_mm : float
+    """
     before, after = (float(np.sqrt(np.mean(e**2))) for e in (deviation, deviation + change))
     nothing = float(np.sqrt(np.mean(change**2))) <= 10.0 * accuracy_mm
     words = f"measured again, RMS {before * UM_PER_MM:.4g} -> {after * UM_PER_MM:.4g} um"
