@@ -31,12 +31,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cmm_align.model import Alignment, Statistics
+from cmm_align.model import Alignment, IntArray, Statistics
 from cmm_align.numerics.extreme_value import Extreme, largest_excess
 from cmm_align.numerics.grid_field import interpolated, smoothed
 from cmm_align.numerics.linearisation import even_sample
 from cmm_align.numerics.local_regression import LocalFit
-from cmm_align.numerics.point_noise import MEDIAN_CHI2, MEDIAN_SPREAD, neighbour_noise
+from cmm_align.numerics.point_noise import MEDIAN_CHI2, MEDIAN_SPREAD, near_sample, neighbour_noise
 from cmm_align.stages.map_nodes import MapNodes, noise_of_pose, pose_rows, pose_share
 from cmm_align.surfaces.protocol import Array, Mask
 
@@ -108,13 +108,14 @@ class Shares(NamedTuple):
 
 def with_noise(m: Measured) -> Measured:
     """Return the same with the noise of its points told, and what that noise does to the pose."""
-    told = _of_points(m)
+    smooth_mm = smoothed(m.fit.value if m.filtered else m.deviation_mm)
+    told = _of_points(m, smooth_mm)
     square = m.statistics.rms_mm**2
     kept = 0.0 if m.filtered else m.nodes.mean(m.nodes.sigma_mm**2)
     shrunk = float(np.sqrt(max(1.0 - kept / square, 0.0))) if square > 0.0 else 1.0
     return m._replace(
         noise=told,
-        form_mm=shrunk * smoothed(m.deviation_mm),
+        form_mm=shrunk * (smoothed(m.deviation_mm) if m.filtered else smooth_mm),
         pose_covariance=noise_of_pose(m.alignment, told.sd),
     )
 
@@ -168,34 +169,34 @@ def _worse(nodes: Told, points: Told, *, filtered: bool) -> Told:
     return Told(max(nodes.measured, points.measured), taken.value, taken.u)
 
 
-def residuals(m: Measured, most: int = SAMPLE) -> tuple[Array, Array, Array]:
-    """Return places and residuals from the map of at most so many points; where it is known.
-
-    Returns
-    -------
-    x_mm, y_mm, residual_mm : ndarray, shape (k,)
-    """
-    field = m.fit.value if m.filtered else m.deviation_mm  # single points are never filtered
-    at = even_sample(len(m.x_mm), most)
+def _residuals(m: Measured, field: Array, at: IntArray) -> tuple[Array, Array, Array]:
+    """Return x, y and residuals from a field, of the points `at` where it is known, each of shape (k,)."""
     r = m.points_mm[at] - interpolated(*m.axes_mm, field, m.x_mm[at], m.y_mm[at])
     known = np.isfinite(r)
     return m.x_mm[at][known], m.y_mm[at][known], r[known]
 
 
-def _of_points(m: Measured) -> PointNoise:
-    """Return the noise of a point, and what single points show beyond map and noise."""
-    x, y, r = residuals(m)
-    told = neighbour_noise(x, y, r)
+def _of_points(m: Measured, smooth_mm: Array) -> PointNoise:
+    """Return the noise of a point, and what single points show beyond map and noise.
+
+    Neighbours are freed of the form by a smoothed map: the map itself follows the noise of its few points,
+    and residuals from it are too small. Noise is at most the scatter.
+    """
+    told = neighbour_noise(*_residuals(m, smooth_mm, near_sample(m.x_mm, m.y_mm)))
     scatter = float(np.nan_to_num(m.fit.scatter))
+    own = m.fit.value if m.filtered else m.deviation_mm  # single points are never filtered
+    r = _residuals(m, own, even_sample(len(m.x_mm), SAMPLE))[2]
     if not np.isfinite(told.sd) or len(r) == 0:
         return PointNoise(scatter, 0.0, scatter**2)
     middle = float(np.median(r**2))
     tails = max(1.0, float(np.mean(r**2)) * MEDIAN_CHI2 / middle) if middle > 0.0 else 1.0
     seen = scatter**2 * tails
-    u_noise2 = told.relative_u * told.sd**2
-    beyond = seen - told.sd**2
-    spread = _joined(u_noise2, seen * MEDIAN_SPREAD / float(np.sqrt(len(r))))
-    return PointNoise(told.sd, beyond, spread) if beyond > SEEN * spread else PointNoise(told.sd, 0.0, 0.0)
+    noise2 = min(told.sd, scatter) ** 2
+    spread = _joined(told.relative_u * noise2, seen * MEDIAN_SPREAD / float(np.sqrt(len(r))))
+    beyond = seen - noise2
+    if beyond <= SEEN * spread:
+        return PointNoise(noise2**0.5, 0.0, 0.0)
+    return PointNoise(noise2**0.5, beyond, _joined(spread, 0.5 * beyond))
 
 
 def _rms(m: Measured, u_machine: float) -> Told:
