@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from cmm_align.model import Alignment, MadeBy, MapFilter, MapNumbers
+from cmm_align.numerics.linearisation import even_sample
 from cmm_align.stages.irregularity import irregularity
 from cmm_align.stages.map_nodes import MapNodes, pose_rows, pose_share
 from cmm_align.stages.noise_shares import SAMPLE, Measured, Shares
@@ -47,7 +48,7 @@ def map_numbers(
     um = UM_PER_MM
     ranked = _percentiles(nodes)
     even = np.ones_like(nodes.weight)
-    of_pose = pose_share(m.pose_covariance, _mean_row(m.alignment, nodes))
+    of_pose = pose_share(m.pose_covariance, _mean_row(m))
     of_machine = nodes.mean(nodes.machine_mm)  # a bound: as if all places erred together
     u_mean = np.linalg.norm((nodes.noise_of_mean(even), of_pose, of_machine))
     points_in, area_in = _shares(m, band_mm)
@@ -99,10 +100,10 @@ def _percentiles(nodes: MapNodes) -> list[float]:
     return [float(v) for v in np.interp(at, below, nodes.deviation_mm[order])]
 
 
-def _mean_row(alignment: Alignment, nodes: MapNodes) -> Array:
+def _mean_row(m: Measured) -> Array:
     """Return the change of the mean deviation with the pose, shape (6,)."""
-    stride = max(1, len(nodes.x_mm) // SAMPLE)
-    rows = pose_rows(alignment, nodes.x_mm[::stride], nodes.y_mm[::stride])
+    at = even_sample(len(m.nodes.x_mm), SAMPLE)
+    rows = pose_rows(m.alignment.nominal, m.centroid_mm, m.nodes.x_mm[at], m.nodes.y_mm[at])
     return np.asarray(rows.mean(axis=0), dtype=np.float64)
 
 

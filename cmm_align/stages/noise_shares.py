@@ -40,7 +40,7 @@ from cmm_align.numerics.point_noise import MEDIAN_CHI2, MEDIAN_SPREAD, near_samp
 from cmm_align.stages.map_nodes import MapNodes, noise_of_pose, pose_rows, pose_share
 from cmm_align.surfaces.protocol import Array, Mask
 
-SAMPLE: Final = 50_000
+SAMPLE: Final = 20_000
 """Points whose residuals are taken."""
 SEEN: Final = 2.0
 """Standard uncertainties from which on single points show something that the map does not."""
@@ -83,6 +83,8 @@ class Measured(NamedTuple):
     noise: PointNoise = PointNoise(0.0, 0.0, 0.0)
     form_mm: Array = np.zeros((1, 1))
     """The map freed of noise as far as may be, shape (ny, nx): what noise is added to."""
+    centroid_mm: Array = np.zeros(3)
+    """Of the tip centres, frame `part`: what the pose turns about."""
     pose_covariance: Array = np.zeros((6, 6))
     """Of the pose, from noise, shape (6, 6), rad and mm."""
 
@@ -113,10 +115,12 @@ def with_noise(m: Measured) -> Measured:
     square = m.statistics.rms_mm**2
     kept = 0.0 if m.filtered else m.nodes.mean(m.nodes.sigma_mm**2)
     shrunk = float(np.sqrt(max(1.0 - kept / square, 0.0))) if square > 0.0 else 1.0
+    centroid = m.alignment.centroid_mm
     return m._replace(
         noise=told,
+        centroid_mm=centroid,
         form_mm=shrunk * (smoothed(m.deviation_mm) if m.filtered else smooth_mm),
-        pose_covariance=noise_of_pose(m.alignment, told.sd),
+        pose_covariance=noise_of_pose(m.alignment, centroid, told.sd),
     )
 
 
@@ -133,7 +137,9 @@ def noise_shares(m: Measured) -> Shares:
     u_rms_machine, u_pv_machine = m.common_mm
     ends = [_end(m, s, sign) for sign in (1.0, -1.0)]
     beside = [_single(m, sign) for sign in (1.0, -1.0)]
-    rows = pose_rows(m.alignment, *(np.array(v) for v in zip(s.max_at_mm, s.min_at_mm, strict=True)))
+    rows = pose_rows(
+        m.alignment.nominal, m.centroid_mm, *(np.array(v) for v in zip(s.max_at_mm, s.min_at_mm, strict=True))
+    )
     u_pose = pose_share(m.pose_covariance, rows[0] - rows[1])
     pv = _worse(
         Told(s.pv_mm, ends[0].value + ends[1].value, _joined(ends[0].u, ends[1].u)),
@@ -239,7 +245,7 @@ def _without_border(m: Measured) -> float:
 def _rms_gradient(m: Measured) -> Array:
     """Return the change of the RMS with the pose, ``mean(w e J) / RMS``, shape (6,)."""
     at = even_sample(len(m.nodes.x_mm), SAMPLE)
-    rows = pose_rows(m.alignment, m.nodes.x_mm[at], m.nodes.y_mm[at])
+    rows = pose_rows(m.alignment.nominal, m.centroid_mm, m.nodes.x_mm[at], m.nodes.y_mm[at])
     pull = m.nodes.weight[at] * m.nodes.deviation_mm[at]
     return np.asarray(pull @ rows / (len(at) * max(m.statistics.rms_mm, 1e-300)), dtype=np.float64)
 
@@ -302,7 +308,7 @@ def over_band(m: Measured, lower_mm: float, upper_mm: float) -> Told:
         Told(top, top - among_points.added, among_points.sd),
         filtered=m.filtered,
     )
-    row = pose_rows(m.alignment, nodes.x_mm[at : at + 1], nodes.y_mm[at : at + 1])[0]
+    row = pose_rows(m.alignment.nominal, m.centroid_mm, nodes.x_mm[at : at + 1], nodes.y_mm[at : at + 1])[0]
     return told._replace(u=_joined(told.u, pose_share(m.pose_covariance, row), float(nodes.machine_mm[at])))
 
 
@@ -320,6 +326,6 @@ def over_limits(m: Measured, lower_mm: Array, upper_mm: Array) -> Told:
     at = int(np.argmax(over))
     top = float(over[at])
     noisy = largest_excess(form, m.noise.sd, lower_mm, upper_mm)
-    row = pose_rows(m.alignment, m.x_mm[at : at + 1], m.y_mm[at : at + 1])[0]
+    row = pose_rows(m.alignment.nominal, m.centroid_mm, m.x_mm[at : at + 1], m.y_mm[at : at + 1])[0]
     u = _joined(noisy.sd, pose_share(m.pose_covariance, row), float(m.nodes.machine_mm.max()))
     return Told(top, top - noisy.added, u)
