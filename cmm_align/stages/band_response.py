@@ -87,20 +87,18 @@ def band_response(
     m = deviation_map
     before = on_grid(previous, previous.deviation_mm, m.x_mm, m.y_mm)
     told = -on_grid(previous, previous.correction_mm, m.x_mm, m.y_mm)
-    both = np.isfinite(before) & np.isfinite(told) & np.isfinite(m.deviation_mm)
-    if both.sum() < MIN_NODES:
-        return nothing
-    rows = _motions(m, both)
-    change, q = (_without(field, both, rows) for field in (before - m.deviation_mm, told))
     block = thinning(bands, max(step_of(m.x_mm), step_of(m.y_mm)))
-    steps = step_of(m.x_mm) * block, step_of(m.y_mm) * block
-    change, q = thinned(change, block), thinned(q, block)
-    known = np.isfinite(q)
+    x, y = (thinned(axis[None], 1, block)[0] for axis in (m.x_mm, m.y_mm))
+    change, q = (thinned(field, block, block) for field in (before - m.deviation_mm, told))
+    known = np.isfinite(change) & np.isfinite(q)
     if known.sum() < MIN_NODES:
         return nothing
+    steps = step_of(x), step_of(y)
+    rows = _motions(m, x, y, known)
+    change, q = (_without(field, known, rows) for field in (change, q))
     area = float(known.sum()) * steps[0] * steps[1]
     weights = _BandIntegrals(previous, noise, bands, config, cutoff_limits_mm(q, steps))
-    weights.leave_out(_power_in_motions(m, both, rows, weights), rows.shape[1] / area)
+    weights.leave_out(_power_in_motions(steps, known, rows, weights), rows.shape[1] / area)
     least = LEAST_SHARE * float(np.sqrt(np.mean(q[known] ** 2)))
     return tuple(
         _response(d[known], t[known], area, weights, k, least)
@@ -175,9 +173,9 @@ class _BandIntegrals:
         self.freedom[0] = max(self.freedom[0] - per_area, per_area / 6.0)
 
 
-def _motions(deviation_map: DeviationMap, known: Mask) -> Array:
+def _motions(deviation_map: DeviationMap, x_mm: Array, y_mm: Array, known: Mask) -> Array:
     """Return an orthonormal basis of the motions of the part at the known nodes, shape (n, up to 6)."""
-    x, y = (a[known] for a in np.meshgrid(deviation_map.x_mm, deviation_map.y_mm))
+    x, y = (a[known] for a in np.meshgrid(x_mm, y_mm))
     alignment = deviation_map.alignment
     rows = motion_rows(alignment.nominal, x, y, alignment.centroid_mm)
     basis, strengths, _ = np.linalg.svd(rows / np.linalg.norm(rows, axis=0).clip(1e-300), full_matrices=False)
@@ -185,14 +183,13 @@ def _motions(deviation_map: DeviationMap, known: Mask) -> Array:
 
 
 def _power_in_motions(
-    deviation_map: DeviationMap, known: Mask, basis: Array, weights: _BandIntegrals
+    steps: tuple[float, float], known: Mask, basis: Array, weights: _BandIntegrals
 ) -> float:
     """Return the mean square of noise and chance that looks like motions of the part, mm^2."""
     from scipy.ndimage import gaussian_filter
 
-    steps = step_of(deviation_map.y_mm), step_of(deviation_map.x_mm)
     cell = steps[0] * steps[1]
-    widths = [weights.length_mm / step for step in steps]
+    widths = [weights.length_mm / step for step in reversed(steps)]
     scale = 2.0 * np.pi * weights.length_mm**2 * weights.chance_mm2 / cell
     power = weights.floor_mm4 / cell * basis.shape[1]
     for column in basis.T:

@@ -161,7 +161,7 @@ def _records(correction: Correction, bands: tuple[WaveBand, ...]) -> tuple[BandR
     step_x, step_y = step_of(correction.x_mm), step_of(correction.y_mm)
     block = thinning(bands, max(step_x, step_y))
     steps = step_x * block, step_y * block
-    fields = (banded(thinned(field, block), steps, bands) for field in (deviation, told))
+    fields = (banded(thinned(field, block, block), steps, bands) for field in (deviation, told))
     return tuple(BandRecord(_rms_um(e), _rms_um(q)) for e, q in zip(*fields, strict=True))
 
 

@@ -34,21 +34,22 @@ def thinning(bands: tuple[WaveBand, ...], step_mm: float) -> int:
     return max(int(bands[-1].short_mm / (STEPS_PER_CUTOFF * step_mm)), 1)
 
 
-def thinned(field: Array, block: int) -> Array:
-    """Return the means of whole blocks of block x block nodes, unknown where a node of it is.
+def thinned(field: Array, rows: int, columns: int) -> Array:
+    """Return the means of whole blocks of nodes, unknown where a node of it is.
 
     Parameters
     ----------
     field : ndarray, shape (ny, nx)
-    block : int
+    rows, columns : int
+        Size of a block.
 
     Returns
     -------
-    ndarray, shape (ny // block, nx // block)
+    ndarray, shape (ny // rows, nx // columns)
     """
-    ny, nx = (n // block for n in field.shape)
-    cut = field[: ny * block, : nx * block]
-    return np.asarray(cut.reshape(ny, block, nx, block).mean(axis=(1, 3)), dtype=np.float64)
+    ny, nx = field.shape[0] // rows, field.shape[1] // columns
+    cut = field[: ny * rows, : nx * columns]
+    return np.asarray(cut.reshape(ny, rows, nx, columns).mean(axis=(1, 3)), dtype=np.float64)
 
 
 def banded(field: Array, steps_mm: tuple[float, float], bands: tuple[WaveBand, ...]) -> list[Array]:

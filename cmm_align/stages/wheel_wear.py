@@ -29,6 +29,7 @@ from cmm_align.stages.common_grid import motion_rows
 from cmm_align.stages.correction_grid import total_so_far
 from cmm_align.stages.map_noise import MapNoise, step_of
 from cmm_align.stages.repeatability import repeatability_length_mm
+from cmm_align.stages.spatial_bands import thinned, thinning, wave_bands
 from cmm_align.units import UM_PER_MM
 
 HIDDEN: Final = 1e-4
@@ -62,8 +63,13 @@ def constant_part(
         Repeatability.
     """
     m, alignment = deviation_map, deviation_map.alignment
-    known = np.isfinite(m.deviation_mm)
-    x, y = (a[known] for a in np.meshgrid(m.x_mm, m.y_mm))
+    block = thinning(wave_bands(alignment.nominal.surface.bounds), max(step_of(m.x_mm), step_of(m.y_mm)))
+    x_mm, y_mm = (thinned(axis[None], 1, block)[0] for axis in (m.x_mm, m.y_mm))
+    deviation = thinned(m.deviation_mm, block, block)
+    known = np.isfinite(deviation)
+    if not known.any():
+        return Constant(None, None, None)
+    x, y = (a[known] for a in np.meshgrid(x_mm, y_mm))
     rows = motion_rows(alignment.nominal, x, y, alignment.centroid_mm)
     rows = rows / np.linalg.norm(rows, axis=0).clip(1e-300)
     ones = np.ones(len(rows))
@@ -71,12 +77,12 @@ def constant_part(
     square = float(rest @ rest)
     if square <= HIDDEN * len(rows):
         return Constant(None, None, None)
-    told = float(rest @ total_so_far(previous, m.x_mm, m.y_mm)[known]) / square
-    value = float(rest @ m.deviation_mm[known]) / square
+    told = float(rest @ total_so_far(previous, x_mm, y_mm)[known]) / square
+    value = float(rest @ deviation[known]) / square
     length = repeatability_length_mm(config, alignment.nominal.surface.bounds)
     chance = 2.0 * np.pi * (length * config.repeatability_um / UM_PER_MM) ** 2
     per_area = float(np.nan_to_num(noise.psd.noise_floor_mm4)) + chance
-    u = float(np.sqrt(per_area / (step_of(m.x_mm) * step_of(m.y_mm) * square)))
+    u = float(np.sqrt(per_area / (step_of(x_mm) * step_of(y_mm) * square)))
     return Constant(value * UM_PER_MM, u * UM_PER_MM, told * UM_PER_MM)
 
 

@@ -123,4 +123,4 @@ def test_bands_add_up_to_the_low_pass_of_the_shortest_and_a_quadratic_is_in_the_
 def test_blocks_are_averaged_whole_or_not_at_all():
     field = np.arange(20.0).reshape(4, 5)
     field[0, 0] = np.nan
-    np.testing.assert_allclose(thinned(field, 2), [[np.nan, 5.0], [13.0, 15.0]])
+    np.testing.assert_allclose(thinned(field, 2, 2), [[np.nan, 5.0], [13.0, 15.0]])
