@@ -310,8 +310,7 @@ def make_map(
         outputs, faults = [*outputs, *more], [*faults, *missing]
     change = None if deviation_map.comparison is None else deviation_map.comparison.change
     verdict, reasons = summary.verdict_of(deviation_map)
-    within = verdict == "PASS"
-    command, advice = ("", "") if within else _compensation(deviation_map, output)
+    command, advice = _next(deviation_map, output)
     warnings = [
         *drawn.notes,
         *cautions.of_tolerances(deviation_map),
@@ -342,8 +341,8 @@ def make_map(
         verdict=verdict,
         reasons=reasons,
         warnings=[*(map_exports.not_written(error) for error in refused), *faults, *warnings],
-        advice="nothing: within tolerance" if within else advice,
-        next_command="" if within else command,
+        advice=advice,
+        next_command=command,
         exit_code=_exit_code(deviation_map, refused, faults),
     )
 
@@ -364,6 +363,21 @@ def _with_region(job: Job, config: ErrorMapConfig, alignment: Alignment) -> Erro
     surface = alignment.nominal.surface
     region = read_region(config.report_region, surface, job.units, "--report-region")
     return replace(config, report_region=region.text)
+
+
+def _next(deviation_map: DeviationMap, output: Path) -> tuple[str, str]:
+    """Return the command to type next, and what to do: the same as on page and card."""
+    from cmm_align.model import Verdict
+    from cmm_align.report.instruction import instruction
+
+    if deviation_map.verdict == Verdict.PASS:
+        return "", "nothing: within tolerance"
+    command, advice = _compensation(deviation_map, output)
+    told = instruction(deviation_map, command)
+    if deviation_map.verdict == Verdict.NONE or told.command:
+        return command, advice
+    order = told.order.replace("\N{MINUS SIGN}", "-").replace("\N{MICRO SIGN}", "u")
+    return "", order[0].lower() + order[1:]
 
 
 def _compensation(deviation_map: DeviationMap, output: Path) -> tuple[str, str]:

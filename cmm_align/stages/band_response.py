@@ -37,8 +37,8 @@ import numpy as np
 from cmm_align.config import CompensateConfig
 from cmm_align.model import BandResponse, Correction, DeviationMap, WaveBand
 from cmm_align.numerics.areal_filter import cutoff_limits_mm
-from cmm_align.stages.common_grid import motion_rows
 from cmm_align.stages.correction_grid import on_grid
+from cmm_align.stages.map_nodes import pose_rows
 from cmm_align.stages.map_noise import MapNoise, step_of
 from cmm_align.stages.repeatability import repeatability_length_mm
 from cmm_align.stages.spatial_bands import band_transmissions, banded, thinned, thinning
@@ -177,7 +177,7 @@ def _motions(deviation_map: DeviationMap, x_mm: Array, y_mm: Array, known: Mask)
     """Return an orthonormal basis of the motions of the part at the known nodes, shape (n, up to 6)."""
     x, y = (a[known] for a in np.meshgrid(x_mm, y_mm))
     alignment = deviation_map.alignment
-    rows = motion_rows(alignment.nominal, x, y, alignment.centroid_mm)
+    rows = pose_rows(alignment.nominal, alignment.centroid_mm, x, y)
     basis, strengths, _ = np.linalg.svd(rows / np.linalg.norm(rows, axis=0).clip(1e-300), full_matrices=False)
     return np.asarray(basis[:, strengths > 1e-6 * strengths[0]], dtype=np.float64)
 

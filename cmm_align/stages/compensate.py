@@ -34,7 +34,8 @@ from cmm_align.stages.correction_limits import checked_limits
 from cmm_align.stages.correction_reach import completed, region_mask, taper_width_mm, too_few_points
 from cmm_align.stages.deviation_statistics import deviation_statistics
 from cmm_align.stages.learned_transfer import process_of
-from cmm_align.stages.map_noise import judged_points, map_noise, step_of
+from cmm_align.stages.map_grid import places_of
+from cmm_align.stages.map_noise import map_noise, step_of
 from cmm_align.stages.pass_prediction import pass_prediction, worth
 from cmm_align.stages.previous_pass import check_chain, pass_response
 from cmm_align.stages.process_transfer import process_transfer
@@ -103,7 +104,7 @@ def compensate(
     transfer = transfer if learned is None else process_of(learned)
     region = region_from_text(config.region, nominal.surface, "--region") if config.region else None
 
-    points = judged_points(m)
+    points = places_of(m.alignment)
     noise = map_noise(m, points)
     band = correction_band(m, noise, config, transfer, learned)
     x_mm, y_mm, here = carried_on(m)

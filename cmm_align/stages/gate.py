@@ -39,7 +39,7 @@ from cmm_align.stages.gate_checks import (
     z_check,
 )
 from cmm_align.stages.likely_mistake import likely_mistake
-from cmm_align.stages.map_noise import JudgedPoints, judged_points
+from cmm_align.stages.map_grid import Places, places_of
 from cmm_align.stages.told_surface import Found, ToldSurface
 from cmm_align.stages.wheel_contacts import touching
 from cmm_align.surfaces.protocol import Array
@@ -96,7 +96,7 @@ class Gate:
     correction : Correction
     told : ToldSurface
         The sum of all corrections.
-    points : JudgedPoints
+    points : Places
         Of the measurement, where the correction is known.
     meant_mm : ndarray, shape (n,), mm
         The correction of this pass at them.
@@ -106,12 +106,14 @@ class Gate:
 
     def __init__(self, deviation_map: DeviationMap, correction: Correction) -> None:
         """Take the points that the correction covers."""
-        points = judged_points(deviation_map)
+        points = places_of(deviation_map.alignment)
         self.correction, self.told = correction, ToldSurface(correction)
         # Two nodes past the border: points between them and the last ones inside are measured again too.
         meant = self.told.at(carried_on(correction.correction_mm, 2), points.x_mm, points.y_mm)
         known = np.isfinite(meant)
-        self.points = JudgedPoints(points.x_mm[known], points.y_mm[known], points.deviation_mm[known])
+        self.points = Places(
+            points.x_mm[known], points.y_mm[known], points.deviation_mm[known], points.rows[known]
+        )
         self.meant_mm = meant[known]
         part_from_cmm = deviation_map.alignment.part_from_machine
         surface = correction.nominal.surface_from_part

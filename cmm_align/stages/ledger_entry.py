@@ -22,7 +22,8 @@ from cmm_align.model import (
 from cmm_align.stages.band_response import band_response
 from cmm_align.stages.compensate import map_digest
 from cmm_align.stages.deviation_statistics import deviation_statistics
-from cmm_align.stages.map_noise import judged_points, map_noise, step_of
+from cmm_align.stages.map_grid import places_of
+from cmm_align.stages.map_noise import map_noise, step_of
 from cmm_align.stages.spatial_bands import banded, thinned, thinning
 from cmm_align.stages.wheel_wear import constant_part
 from cmm_align.surfaces.protocol import Array
@@ -62,7 +63,7 @@ def ledger_entry(
     m, p = deviation_map, correction.prediction
     if p is None:
         raise InputError("a correction without a prediction has no place in a ledger")
-    noise = map_noise(m, judged_points(m))
+    noise = map_noise(m, places_of(m.alignment))
     constant = constant_part(m, noise, previous, config)
     before = correction.before
     return LedgerPass(
@@ -117,7 +118,7 @@ def pass_outcome(
     time_utc : str
     """
     m = deviation_map
-    points = judged_points(m)
+    points = places_of(m.alignment)
     noise = map_noise(m, points)
     now = deviation_statistics(points.deviation_mm, points.x_mm, points.y_mm)
     return PassOutcome(

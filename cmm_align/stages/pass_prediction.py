@@ -35,7 +35,8 @@ from cmm_align.model import CorrectionBand, PassPrediction, ProcessTransfer, Sta
 from cmm_align.numerics.grid_field import interpolated
 from cmm_align.numerics.wiener_gain import gain_filtered
 from cmm_align.stages.deviation_statistics import deviation_statistics
-from cmm_align.stages.map_noise import JudgedPoints, MapNoise, step_of
+from cmm_align.stages.map_grid import Places
+from cmm_align.stages.map_noise import MapNoise, step_of
 from cmm_align.stages.repeatability import repeatability_psd_mm4
 from cmm_align.surfaces.protocol import Array, Bounds
 from cmm_align.units import UM_PER_MM
@@ -52,7 +53,7 @@ _COVERAGE: Final = 1.96
 
 
 def pass_prediction(
-    points: JudgedPoints,
+    points: Places,
     grid: tuple[Array, Array, Array],
     noise: MapNoise,
     band: CorrectionBand,
@@ -64,7 +65,7 @@ def pass_prediction(
 
     Parameters
     ----------
-    points : JudgedPoints
+    points : Places
     grid : x_mm, y_mm, correction_mm
         Of shapes (nx,), (ny,), (ny, nx), mm; complete.
     noise : MapNoise

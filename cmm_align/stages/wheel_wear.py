@@ -25,8 +25,8 @@ import numpy as np
 
 from cmm_align.config import CompensateConfig
 from cmm_align.model import Correction, DeviationMap, LearnedTransfer, Ledger, WheelWear
-from cmm_align.stages.common_grid import motion_rows
 from cmm_align.stages.correction_grid import total_so_far
+from cmm_align.stages.map_nodes import pose_rows
 from cmm_align.stages.map_noise import MapNoise, step_of
 from cmm_align.stages.repeatability import repeatability_length_mm
 from cmm_align.stages.spatial_bands import thinned, thinning, wave_bands
@@ -70,7 +70,7 @@ def constant_part(
     if not known.any():
         return Constant(None, None, None)
     x, y = (a[known] for a in np.meshgrid(x_mm, y_mm))
-    rows = motion_rows(alignment.nominal, x, y, alignment.centroid_mm)
+    rows = pose_rows(alignment.nominal, alignment.centroid_mm, x, y)
     rows = rows / np.linalg.norm(rows, axis=0).clip(1e-300)
     ones = np.ones(len(rows))
     rest = ones - rows @ np.linalg.lstsq(rows, ones, rcond=1e-9)[0]

@@ -16,7 +16,8 @@ from cmm_align.numerics.areal_filter import gaussian_regression
 from cmm_align.stages.band_response import band_response
 from cmm_align.stages.compensate import compensate
 from cmm_align.stages.error_map import error_map
-from cmm_align.stages.map_noise import judged_points, map_noise, step_of
+from cmm_align.stages.map_grid import places_of
+from cmm_align.stages.map_noise import map_noise, step_of
 from cmm_align.stages.spatial_bands import banded, thinned, wave_bands
 from cmm_align.surfaces.geometry import unit_normal
 
@@ -29,7 +30,7 @@ BANDS = wave_bands(WINDOW.bounds)
 def measured():
     """A map with the noise of its nodes, and the correction made from it."""
     m = error_map(aligned(WINDOW, form_error_mm, random_places(WINDOW, 3000, 0), noise_mm=2e-4))
-    noise = map_noise(m, judged_points(m))
+    noise = map_noise(m, places_of(m.alignment))
     cell = step_of(m.x_mm) * step_of(m.y_mm)
     noise = replace(noise, psd=replace(noise.psd, noise_floor_mm4=NODE_NOISE_MM**2 * cell))
     return m, noise, compensate(m, CONFIG)
