@@ -113,10 +113,10 @@ def judge(
                 "a tolerance on the slope, and no node of the map has one", remedy="measure more points"
             )
         largest = Told(slope.max_mrad, slope.max_without_noise_mrad, slope.u_max_mrad or 0.0)
-        found.append(_judged("slope", "mrad", largest, config.tolerance_slope_mrad, config))
+        found.append(_judged("slope", "mrad", largest, config.tolerance_slope_mrad, config, _reach(slope)))
     if band_mm is not None:
         excess = Told(*(v * UM_PER_MM for v in _excess(m, band_mm)))
-        found.append(_judged_band(excess, band_mm, config))
+        found.append(_judged_band(excess, band_mm, config, filtered=m.filtered))
     if not found:
         return Verdict.NONE, (), None
     outcomes, lines = [j.verdict for j in found], [j.sentence for j in found]
@@ -180,13 +180,21 @@ def _outcome(number: Told, limit: float, config: ErrorMapConfig) -> Verdict:
     return Verdict.UNDECIDED
 
 
-def _judged(name: str, unit: str, number: Told, limit: float, config: ErrorMapConfig) -> Judgement:
+def _reach(slope: SlopeError) -> str:
+    """Say over which length slopes are known, and of how many nodes they are not."""
+    left_out = f", without {slope.n_left_out} nodes on the border" if slope.n_left_out else ""
+    return f"over {slope.base_mm:.2g} mm{left_out}; "
+
+
+def _judged(
+    name: str, unit: str, number: Told, limit: float, config: ErrorMapConfig, more: str = ""
+) -> Judgement:
     """Return the judgement of a number with an upper limit."""
     outcome = _outcome(number, limit, config)
     probability = probability_below(limit, number.value, number.u)
     sign = "<=" if number.measured <= limit else ">"
     said = f"{name} {number.measured:.4g} {unit} {sign} {limit:.4g} {unit}"
-    sentence = f"{said} ({_certainty(number, unit, outcome, probability)}): {outcome}"
+    sentence = f"{said} ({more}{_certainty(number, unit, outcome, probability)}): {outcome}"
     return Judgement(
         quantity=name,
         unit=unit,
@@ -202,13 +210,15 @@ def _judged(name: str, unit: str, number: Told, limit: float, config: ErrorMapCo
     )
 
 
-def _judged_band(excess: Told, band_mm: Band, config: ErrorMapConfig) -> Judgement:
+def _judged_band(excess: Told, band_mm: Band, config: ErrorMapConfig, *, filtered: bool) -> Judgement:
     """Return the judgement of all deviations against their limits, um."""
     outcome = _outcome(excess, 0.0, config)
     probability = probability_below(0.0, excess.value, excess.u)
     lower, upper = band_mm
     one = isinstance(lower, float) and isinstance(upper, float)
     named = f"band {lower * UM_PER_MM:+g} to {upper * UM_PER_MM:+g} um" if one else "band of each point"
+    if filtered and not one:
+        named += ", which no filter touches,"
     room = "kept with {:.4g} um to spare" if excess.measured <= 0.0 else "exceeded by {:.4g} um"
     said = f"{named} {room.format(abs(excess.measured))}"
     return Judgement(

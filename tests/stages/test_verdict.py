@@ -77,6 +77,15 @@ def test_a_band_is_judged_at_its_nearer_side_and_as_a_table_point_by_point():
     assert "exceeded by 10 um" in one_out.verdict_lines[0]
 
 
+def test_a_verdict_says_what_a_slope_or_a_filter_does_not_reach():
+    s = N.slope
+    (line,) = judged(tolerance_slope_mrad=9.0).verdict_lines
+    assert f"over {s.base_mm:.2g} mm, without {s.n_left_out} nodes on the border" in line
+    e = PART.deviation_mm
+    (line,) = judged((e - 0.005, e + 0.005), low_pass_mm=20.0).verdict_lines
+    assert line.startswith("band of each point, which no filter touches, kept")
+
+
 def test_several_tolerances_make_the_worst_verdict_and_a_bound_of_the_probability():
     m = judged(tolerance_pv_um=100.0, tolerance_rms_um=PLAIN.numbers.rms_without_noise_um)
     pv, rms = m.conformance.judgements
