@@ -95,6 +95,8 @@ def cmm_align() -> None:
 
 def run() -> NoReturn:
     """Run the command line and leave the process with the exit code of the contract."""
+    # Our own threads share the cores already; threads of the matrix library would only wait for them.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, _terminate)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
