@@ -14,6 +14,7 @@ from cmm_align.cli import noting, options
 from cmm_align.cli.exporting import HEADINGS, exporting_options, with_options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
+from cmm_align.cli.touching import TOUCH_HEADINGS, touch_options
 from cmm_align.config import GAIN_RULES, CompensateConfig, ExportConfig
 from cmm_align.errors import InputError, OutputError, UsageError, WrongStageError
 from cmm_align.units import UM_PER_MM
@@ -33,7 +34,7 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 """
 
 
-@options.command("compensate", TEXT, headings={**HEADINGS, **noting.HEADINGS})
+@options.command("compensate", TEXT, headings={**HEADINGS, **TOUCH_HEADINGS, **noting.HEADINGS})
 @click.argument("map_file", type=FILE, metavar="MAP")
 @click.option("--gain", metavar="G", help="Share to take off, or wiener: one by wavelength.  [default: 1.0]")
 @click.option("--force-gain", is_flag=True, help="Allow a gain over 1.2, below 2.")
@@ -51,6 +52,7 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 @click.option("--first-pass", is_flag=True, help="The part was ground to the nominal, with no correction.")
 @exporting_options
 @noting.ledger_options
+@touch_options
 @click.option("--no-gate", is_flag=True, help="Write the exports unchecked.")
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.comp.h5")
@@ -68,6 +70,8 @@ def command(
     trust_me: bool,
     previous: Path | None,
     first_pass: bool,
+    touches: Path | None,
+    touch_radius: float | None,
     no_gate: bool,
     no_picture: bool,
     output: Path | None,
@@ -99,6 +103,8 @@ def command(
             previous=previous,
             first_pass=first_pass,
             gate=not no_gate,
+            touches=touches,
+            touch_radius_mm=touch_radius,
             picture=not no_picture,
             output=output,
             part=part,
@@ -127,6 +133,8 @@ def make_correction(
     previous: Path | None = None,
     first_pass: bool = False,
     gate: bool = True,
+    touches: Path | None = None,
+    touch_radius_mm: float | None = None,
     picture: bool = True,
     output: Path | None = None,
     part: str | None = None,
@@ -146,6 +154,10 @@ def make_correction(
         Whether the part was ground without a correction, whatever lies beside the map.
     gate : bool
         Whether the exports are read back and judged before they get their names.
+    touches : Path, optional
+        Touches of the part on the grinder: the exports are then in its frame.
+    touch_radius_mm : float, optional
+        Of the tip there; 0 for contact points.
     picture : bool
         Whether to draw the correction, beside the output and with its stem.
     output : Path, optional
@@ -164,7 +176,7 @@ def make_correction(
         If an export would not make the part better; nothing is written then.
     """
     from cmm_align import io
-    from cmm_align.cli import cautions, exporting, gating, opening, record, results
+    from cmm_align.cli import cautions, exporting, gating, opening, record, results, touching
     from cmm_align.cli.drawing import try_one
     from cmm_align.io.schema import CORRECTION, MAP
     from cmm_align.provenance import this_step
@@ -177,7 +189,7 @@ def make_correction(
         output = beside(map_file, ".comp.h5")
     plan, drawing = exporting.plan_of(export, output), output.with_suffix(".png")
     outputs = [output, *plan.paths, drawing] if picture else [output, *plan.paths]
-    inputs = [map_file] if previous is None else [map_file, previous]
+    inputs = [map_file, *(path for path in (previous, touches) if path is not None)]
     if previous is not None:
         if first_pass:
             raise UsageError("--previous and --first-pass exclude each other")
@@ -194,11 +206,14 @@ def make_correction(
     learned = ledger.used if ledger is not None else None
     correction = compensate(deviation_map, config, before, learned)
     _check_data(correction, str(map_file))
-    wheel, depth = exporting.checked_wheel(correction, config)
-    exports = exporting.prepared(plan, correction, config, beside(map_file, "").name)
+    seat, on_grinder = touching.laid(
+        job, touches, touch_radius_mm, deviation_map, correction, trusted=config.trust_me
+    )
+    wheel, depth = exporting.checked_wheel(on_grinder, config)
+    exports = exporting.prepared(plan, on_grinder, config, beside(map_file, "").name)
     settings = {"compensate": config, "export": export, "first_pass": first_pass}
     settings |= {"learned_transfer": noting.learned_result(learned)} if learned is not None else {}
-    steps = record.steps(job, inputs, after=inputs, **settings)
+    steps = record.steps(job, inputs, after=inputs if touches is None else inputs[:-1], **settings)
     noted = noting.adding(ledger, deviation_map, correction, before, time_utc, replace_row=job.overwrite)
     with noted, ExitStack() as stack:
         report = gating.written(
@@ -207,12 +222,12 @@ def make_correction(
             exports,
             deviation_map,
             correction,
+            on_grinder,
             wheel_of(config),
-            gating.surface_from_part(correction),
             overwrite=job.overwrite,
             skip=not gate,
         )
-        correction = replace(correction, gate=gating.with_wheel(report, wheel, depth))
+        correction = replace(correction, gate=gating.with_wheel(report, wheel, depth), seat=seat)
         io.write(correction, output, steps, overwrite=job.overwrite)
 
     def draw(path: Path) -> None:
@@ -230,16 +245,18 @@ def make_correction(
         result=results.of_correction(correction, plan.paths)
         | exporting.result(wheel, depth)
         | {"ledger": None if ledger is None else ledger.result()}
-        | gating.result(correction.gate or report),
+        | gating.result(correction.gate or report)
+        | touching.result(seat, correction.nominal),
         rows=[
             *summary.of_correction(correction),
             *(ledger.rows() if ledger is not None else ()),
             *exporting.rows(wheel, depth, plan.paths),
             results.probe_row(correction.nominal),
         ],
-        details=summary.details_of_correction(correction),
+        details=[*summary.details_of_correction(correction), *touching.details(correction.nominal)],
         warnings=[
             *([] if gate else [gating.SKIPPED]),
+            *touching.warnings(seat),
             *faults,
             *cautions.of_causes(deviation_map),
             *cautions.of_correction(correction),

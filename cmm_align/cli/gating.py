@@ -8,6 +8,7 @@ from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from cmm_align.errors import GateError
 from cmm_align.units import UM_PER_MM, mm_per
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ def written(
     exports: Sequence[tuple[Path, Prepared]],
     deviation_map: DeviationMap,
     correction: Correction,
+    placed: Correction,
     wheel: Wheel | None,
-    surface_from_file: Pose,
     *,
     overwrite: bool,
     skip: bool,
@@ -50,10 +51,10 @@ def written(
     deviation_map : DeviationMap
     correction : Correction
         As it lies in frame `part`.
+    placed : Correction
+        The same in the frame of the files.
     wheel : Wheel or None
         Axis in the frame of the files.
-    surface_from_file : Pose
-        Of files that are not grids over the plane of projection.
     overwrite : bool
     skip : bool
         Whether nothing is to be judged.
@@ -76,21 +77,22 @@ def written(
         with temporary.open("wb") as stream:
             stream.writelines(one.blocks)
         if gate is not None:
-            read = read_back(temporary, name, plan, correction, wheel, surface_from_file)
+            read = read_back(temporary, path, name, plan, placed, wheel)
             found.append(gate.judge(read))
             refuse(found[-1], str(path))
     return GateReport(skip, tuple(found))
 
 
 def read_back(
-    path: Path,
-    name: str,
-    plan: Plan,
-    correction: Correction,
-    wheel: Wheel | None,
-    surface_from_file: Pose,
+    path: Path, named: Path, name: str, plan: Plan, placed: Correction, wheel: Wheel | None
 ) -> ReadBack | ReadBackField:
-    """Return what a file makes a machine do; parameters as for `written`."""
+    """Return what a file makes a machine do; `named` is what it will be called, the rest as for `written`.
+
+    Raises
+    ------
+    GateError
+        If it states another frame than it was to be written in.
+    """
     import numpy as np
 
     from cmm_align import posts
@@ -102,8 +104,17 @@ def read_back(
         x, y = np.meshgrid(removal.x_mm, removal.y_mm)
         on = removal.inside
         return ReadBackField(name, x[on], y[on], removal.correction_mm[on], _FIELD_ACCURACY_MM)
-    outward = surface_from_file.inverse().rotate(np.array([[0.0, 0.0, float(correction.nominal.side)]]))[0]
+    pose = surface_from_file(placed)
+    outward = pose.inverse().rotate(np.array([[0.0, 0.0, float(placed.nominal.side)]]))[0]
     found = posts.read_back(path, name, wheel, post=plan.post, outward=outward)
+    expected = placed.nominal.surface_from_part.source
+    if found.frame not in {"surface", expected} and name != "template":
+        raise GateError(
+            f"the gate holds this file back: it states the frame of the {found.frame}",
+            where=str(named),
+            expected=f"the frame of the {expected}",
+            remedy="nothing was written",
+        )
     whole = name in _WHOLE_GRID or (
         plan.post is not None and name == "template" and plan.post.order == "rows"
     )
@@ -112,19 +123,19 @@ def read_back(
         kind=name,
         points_mm=found.points_mm,
         normals=found.normals,
-        surface_from_file=Pose.identity("surface", "file") if found.frame == "surface" else surface_from_file,
+        surface_from_file=Pose.identity("surface", "file") if found.frame == "surface" else pose,
         accuracy_mm=min(found.accuracy_mm, mm_per("nm")) if centres is not None else found.accuracy_mm,
         centres_mm=centres,
         wheel=wheel,
-        reach_mm=0.0 if whole else _reach_mm(plan, correction),
+        reach_mm=0.0 if whole else _reach_mm(plan, placed),
     )
 
 
-def surface_from_part(correction: Correction) -> Pose:
-    """Return the pose of files in the frame of the part."""
+def surface_from_file(placed: Correction) -> Pose:
+    """Return the pose of files in the frame of the part, or of the grinder where it was touched there."""
     from cmm_align.pose import Pose
 
-    pose = correction.nominal.surface_from_part
+    pose = placed.nominal.surface_from_part
     return Pose(pose.rotation, pose.translation_mm, "surface", "file")
 
 

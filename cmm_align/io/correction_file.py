@@ -19,6 +19,7 @@ from cmm_align.model import (
     GateReport,
     PassPrediction,
     PassResponse,
+    Seat,
     Statistics,
     frozen_array,
 )
@@ -36,7 +37,7 @@ _GRIDS: Final = (
 )
 
 _MORE_GRIDS: Final = ("deviation_mm", "status")
-_RECORDS: Final = ("band", "limits", "prediction", "response", "gate")
+_RECORDS: Final = ("band", "limits", "prediction", "response", "gate", "seat")
 """What files of older versions do not hold."""
 
 
@@ -103,6 +104,7 @@ def read_body(file: h5py.File) -> Correction:
         prediction=_record(file, "prediction", PassPrediction),
         response=_record(file, "response", PassResponse),
         gate=_record(file, "gate", GateReport),
+        seat=_record(file, "seat", Seat),
     )
 
 

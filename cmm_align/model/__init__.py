@@ -59,6 +59,7 @@ from cmm_align.model.results import (
     MapFilter,
 )
 from cmm_align.model.root_causes import RootCauses
+from cmm_align.model.seat import DoubtfulTouch, Seat
 from cmm_align.model.spectrum import Band, Spectrum
 from cmm_align.model.statistics import Statistics, Verdict
 
@@ -79,6 +80,7 @@ __all__ = [
     "CorrectionLimits",
     "CorrectionStatus",
     "DeviationMap",
+    "DoubtfulTouch",
     "Dressing",
     "Equidistant",
     "Fiducials",
@@ -117,6 +119,7 @@ __all__ = [
     "ProcessTransfer",
     "RemovedMotion",
     "RootCauses",
+    "Seat",
     "SlopeError",
     "Spectrum",
     "Spread",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cmm_align.model.gate import GateReport
 from cmm_align.model.nominal import Nominal
+from cmm_align.model.seat import Seat
 from cmm_align.model.statistics import Statistics
 from cmm_align.surfaces.protocol import Array, Mask
 
@@ -205,6 +206,8 @@ class Correction:
         What came of the pass before; None for the first.
     gate : GateReport or None
         What was found in the exported files; None where none was written.
+    seat : Seat or None
+        How the part sits on the grinder: the exports are then in the frame of the grinder.
     """
 
     nominal: Nominal
@@ -231,3 +234,4 @@ class Correction:
     prediction: PassPrediction | None = None
     response: PassResponse | None = None
     gate: GateReport | None = None
+    seat: Seat | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from cmm_align.model import GateCheck, GatedExport, GateReport
+from cmm_align.model import GateCheck, GatedExport, GateReport, Seat
 from cmm_align.units import UM_PER_MM
 
 Rows = list[tuple[str, str]]
@@ -64,3 +64,25 @@ def _worst_of(gate: GateReport) -> list[str]:
         else name
         for name, check in largest.items()
     ]
+
+
+def seat_rows(seat: Seat | None) -> Rows:
+    """Return where the part sits on the grinder, and how well that is known."""
+    if seat is None:
+        return []
+    x, y, z = (row[3] for row in seat.grinder_from_part[:3])
+    known = "not known: touch more places"
+    if seat.u_edge_mm is not None:
+        u, v = seat.u_edge_at_mm
+        known = f"known to {seat.u_edge_mm * UM_PER_MM:.2g} um (95 %) at the edge, at ({u:+.1f}, {v:+.1f}) mm"
+    rows = [
+        (
+            "on the grinder",
+            f"{seat.n} touches, RMS {seat.rms_mm * UM_PER_MM:.2g} um without the form error; the exports "
+            "are in the frame of the grinder",
+        ),
+        ("", f"origin of the part at ({x:.4f}, {y:.4f}, {z:.4f}) mm; the path is {known}"),
+    ]
+    if seat.held:
+        rows.append(("", f"held as the axes of the grinder are: {', '.join(seat.held)}"))
+    return rows

@@ -16,7 +16,7 @@ from cmm_align.model import (
     Statistics,
     Verdict,
 )
-from cmm_align.report.gate_rows import gate_details, gate_rows
+from cmm_align.report.gate_rows import gate_details, gate_rows, seat_rows
 from cmm_align.report.number_rows import of_numbers
 from cmm_align.report.wording import as_length, as_percent, at_place, extreme, in_nm, in_um
 from cmm_align.units import MRAD_PER_RAD, UM_PER_MM
@@ -194,6 +194,7 @@ def of_correction(correction: Correction) -> Rows:
             f"{len(c.x_mm)} x {len(c.y_mm)} nodes, {n_extended} of {known.size} continued from neighbours",
         ),
         *_left_out(c),
+        *seat_rows(c.seat),
         *gate_rows(c.gate),
     ]
 

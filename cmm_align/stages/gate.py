@@ -40,6 +40,7 @@ from cmm_align.stages.gate_checks import (
 )
 from cmm_align.stages.likely_mistake import likely_mistake
 from cmm_align.stages.map_grid import Places, places_of
+from cmm_align.stages.map_noise import step_of
 from cmm_align.stages.told_surface import Found, ToldSurface
 from cmm_align.stages.wheel_contacts import touching
 from cmm_align.surfaces.protocol import Array
@@ -118,10 +119,10 @@ class Gate:
         part_from_cmm = deviation_map.alignment.part_from_machine
         surface = correction.nominal.surface_from_part
         self.other_frames = {
+            "the frame of the part": _chained(surface),
             "the frame of the CMM in place of that of the part": _chained(surface, part_from_cmm),
             "a pose of the CMM applied the wrong way round": _chained(surface, part_from_cmm.inverse()),
             "the frame of the projection": Pose.identity("surface", "file"),
-            "the frame of the part": _chained(surface),
         }
 
     def judge(self, read: ReadBack | ReadBackField) -> GatedExport:
@@ -134,7 +135,9 @@ class Gate:
         if isinstance(read, ReadBackField):
             told = ToldSurface(self.correction, self.told.jet, self.correction.correction_mm)
             found = told.found_field(read.x_mm, read.y_mm, read.correction_mm)
-            checks, rms, pv = self._asked(told, found, read.accuracy_mm, 0.0)
+            # Its pixels need not be the nodes: one lies within a mesh of each.
+            mesh = float(np.hypot(step_of(told.x_mm), step_of(told.y_mm)))
+            checks, rms, pv = self._asked(told, found, read.accuracy_mm, mesh)
             return self._answer(read, told, found, checks, (rms, pv))
         points, pose = read.points_mm, read.surface_from_file
         if read.centres_mm is not None and read.wheel is not None:
