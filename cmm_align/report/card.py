@@ -54,6 +54,7 @@ _ORDER_LETTERS: Final = 25
 _COMMAND_LETTERS: Final = 58
 _REASON_LETTERS: Final = 66
 _NUMBER_LETTERS: Final = 5
+_TOLD_LETTERS: Final = 44
 _NARROW_MM: Final = 45.0
 """A map narrower than this has its labels beside it ..."""
 _LABEL_MM: Final = 36.0
@@ -90,7 +91,7 @@ def draw_card(
     with mpl.rc_context(style):
         figure = Figure(figsize=(WIDTH_MM / MM_PER_INCH, HEIGHT_MM / MM_PER_INCH), facecolor="white")
         FigureCanvasPdf(figure)
-        _head(figure, title, pass_number, date)
+        _head(figure, title, pass_number, date, _told_of(m))
         _verdict(figure, m)
         _numbers(figure, m)
         _map(figure, m)
@@ -109,7 +110,14 @@ def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
-def _head(figure: Figure, title: str, pass_number: int | None, date: str) -> None:
+def _told_of(m: DeviationMap) -> str:
+    """Return which waves and which part of the surface the numbers are of; nothing where of all."""
+    waves = "" if m.filter is None else f"filtered: {m.filter.words}"
+    region = m.alignment.report.report_region.removeprefix("the ")
+    return ", ".join(filter(None, (waves, f"only the {region}" if region else "")))
+
+
+def _head(figure: Figure, title: str, pass_number: int | None, date: str, told_of: str) -> None:
     size = min(22.0, 22.0 * 15 / max(len(title), 1))
     _write(figure, MARGIN_MM, 197.0, _cut(title, _TITLE_LETTERS), max(size, 14.5), weight="bold")
     right = WIDTH_MM - MARGIN_MM
@@ -119,6 +127,7 @@ def _head(figure: Figure, title: str, pass_number: int | None, date: str) -> Non
         figure, right, 197.0, text, 22.0 if known else 12.0, weight="bold" if known else "normal", ha="right"
     )
     _write(figure, MARGIN_MM, 188.0, f"{date}   cmm-align {program_version()}".strip(), 9.0, color=SOFT)
+    _write(figure, right, 188.0, _cut(told_of, _TOLD_LETTERS), 9.0, weight="bold", ha="right")
 
 
 def _box(figure: Figure, low_mm: float, high_mm: float, colour: str) -> None:

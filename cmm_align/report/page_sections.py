@@ -181,7 +181,7 @@ def outliers(alignment: Alignment) -> Section:
     return Section(
         "Outliers",
         (("left out", count(found)), ("worst", told)),
-        note="They are not in the map, the numbers or the verdict.",
+        note="Not in the map nor in its numbers; where they would break a tolerance the verdict is open.",
     )
 
 

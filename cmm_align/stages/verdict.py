@@ -99,6 +99,7 @@ def judge(
         If a tolerance on the slope is given and no node has one.
     """
     found = []
+    of_what = "of the filtered map; " if m.filtered else ""
     for name, number, tolerance_um in (
         ("PV", told.pv, config.tolerance_pv_um),
         ("RMS", told.rms, config.tolerance_rms_um),
@@ -106,14 +107,16 @@ def judge(
     ):
         if tolerance_um > 0.0:
             in_um = Told(*(v * UM_PER_MM for v in number))
-            found.append(_judged(name, "um", in_um, tolerance_um, config))
+            found.append(_judged(name, "um", in_um, tolerance_um, config, of_what))
     if config.tolerance_slope_mrad > 0.0:
         if slope is None:
             raise UsageError(
                 "a tolerance on the slope, and no node of the map has one", remedy="measure more points"
             )
         largest = Told(slope.max_mrad, slope.max_without_noise_mrad, slope.u_max_mrad or 0.0)
-        found.append(_judged("slope", "mrad", largest, config.tolerance_slope_mrad, config, _reach(slope)))
+        found.append(
+            _judged("slope", "mrad", largest, config.tolerance_slope_mrad, config, of_what + _reach(slope))
+        )
     if band_mm is not None:
         excess = Told(*(v * UM_PER_MM for v in _excess(m, band_mm)))
         found.append(_judged_band(excess, band_mm, config, filtered=m.filtered))
@@ -217,6 +220,7 @@ def _judged_band(excess: Told, band_mm: Band, config: ErrorMapConfig, *, filtere
     lower, upper = band_mm
     one = isinstance(lower, float) and isinstance(upper, float)
     named = f"band {lower * UM_PER_MM:+g} to {upper * UM_PER_MM:+g} um" if one else "band of each point"
+    of_what = "of the filtered map; " if filtered and one else ""
     if filtered and not one:
         named += ", which no filter touches,"
     room = "kept with {:.4g} um to spare" if excess.measured <= 0.0 else "exceeded by {:.4g} um"
@@ -232,7 +236,7 @@ def _judged_band(excess: Told, band_mm: Band, config: ErrorMapConfig, *, filtere
         margin=-excess.value,
         probability=probability,
         verdict=str(outcome),
-        sentence=f"{said} ({_certainty(excess, 'um', outcome, probability)}): {outcome}",
+        sentence=f"{said} ({of_what}{_certainty(excess, 'um', outcome, probability)}): {outcome}",
     )
 
 

@@ -91,3 +91,19 @@ def test_outliers_alone_ask_for_a_clean_part_not_for_more_points(a_map):
 
     assert instruction(m, "").order == "Clean, then measure again"
     assert not any("guard band" in reason for reason in verdict_of(m)[1])
+
+
+def test_it_says_that_the_map_is_filtered_or_of_a_region(a_map, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    texts = []
+    monkeypatch.setattr(Figure, "text", lambda _, x, y, s, **look: texts.append(s))
+    m = error_map(a_map.alignment, ErrorMapConfig(low_pass_mm=30.0, tolerance_pv_um=100.0))
+    draw_card(m, tmp_path / "c.pdf", title="part", advice=instruction(m, ""))
+    assert "filtered: gaussian, low pass 30 mm" in texts
+    assert "of the filtered map" in m.verdict_lines[0]
+
+    texts.clear()
+    m = error_map(a_map.alignment, ErrorMapConfig(report_region="circle:0,0,20"))
+    draw_card(m, tmp_path / "c.pdf", title="part", advice=instruction(m, ""))
+    assert any(text.startswith("only the circle of radius 20 mm") for text in texts)
