@@ -110,14 +110,14 @@ def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
-def _told_of(m: DeviationMap) -> str:
+def _told_of(m: DeviationMap) -> list[str]:
     """Return which waves and which part of the surface the numbers are of; nothing where of all."""
     waves = "" if m.filter is None else f"filtered: {m.filter.words}"
     region = m.alignment.report.report_region.removeprefix("the ")
-    return ", ".join(filter(None, (waves, f"only the {region}" if region else "")))
+    return [line for line in (waves, f"only the {region}" if region else "") if line]
 
 
-def _head(figure: Figure, title: str, pass_number: int | None, date: str, told_of: str) -> None:
+def _head(figure: Figure, title: str, pass_number: int | None, date: str, told_of: list[str]) -> None:
     size = min(22.0, 22.0 * 15 / max(len(title), 1))
     _write(figure, MARGIN_MM, 197.0, _cut(title, _TITLE_LETTERS), max(size, 14.5), weight="bold")
     right = WIDTH_MM - MARGIN_MM
@@ -127,7 +127,9 @@ def _head(figure: Figure, title: str, pass_number: int | None, date: str, told_o
         figure, right, 197.0, text, 22.0 if known else 12.0, weight="bold" if known else "normal", ha="right"
     )
     _write(figure, MARGIN_MM, 188.0, f"{date}   cmm-align {program_version()}".strip(), 9.0, color=SOFT)
-    _write(figure, right, 188.0, _cut(told_of, _TOLD_LETTERS), 9.0, weight="bold", ha="right")
+    for k, line in enumerate(told_of):
+        y = 188.0 + 4.0 * (len(told_of) - 1 - k) - 1.5 * (len(told_of) - 1)
+        _write(figure, right, y, _cut(line, _TOLD_LETTERS), 9.0, weight="bold", ha="right")
 
 
 def _box(figure: Figure, low_mm: float, high_mm: float, colour: str) -> None:
