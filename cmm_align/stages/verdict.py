@@ -152,8 +152,8 @@ def _of_outliers(m: Measured, config: ErrorMapConfig, band_mm: Band | None) -> s
     if not broken:
         return ""
     worst = float(out[np.argmax(np.abs(out))]) * UM_PER_MM
-    counted = "1 point" if len(out) == 1 else f"{len(out)} points"
-    return f"{counted} left out as outliers, up to {worst:+.4g} um, would break it: undecided at best"
+    counted = "a point left out as an outlier" if len(out) == 1 else f"{len(out)} points left out as outliers"
+    return f"{counted}, up to {worst:+.4g} um, would break it: undecided at best"
 
 
 def _excess(m: Measured, band_mm: Band) -> Told:
