@@ -45,7 +45,6 @@ DOORS = {
 
 SINGLE_IMPORTER = {
     "h5py": "io",
-    "sqlite3": "io",
     "serial": "device",
     "matplotlib": "report",
     "jinja2": "report",

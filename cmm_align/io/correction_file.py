@@ -16,10 +16,8 @@ from cmm_align.model import (
     Correction,
     CorrectionBand,
     CorrectionLimits,
-    GateReport,
     PassPrediction,
     PassResponse,
-    Seat,
     Statistics,
     frozen_array,
 )
@@ -37,7 +35,7 @@ _GRIDS: Final = (
 )
 
 _MORE_GRIDS: Final = ("deviation_mm", "status")
-_RECORDS: Final = ("band", "limits", "prediction", "response", "gate", "seat")
+_RECORDS: Final = ("band", "limits", "prediction", "response")
 """What files of older versions do not hold."""
 
 
@@ -103,8 +101,6 @@ def read_body(file: h5py.File) -> Correction:
         limits=_record(file, "limits", CorrectionLimits),
         prediction=_record(file, "prediction", PassPrediction),
         response=_record(file, "response", PassResponse),
-        gate=_record(file, "gate", GateReport),
-        seat=_record(file, "seat", Seat),
     )
 
 
