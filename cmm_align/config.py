@@ -205,6 +205,12 @@ class CompensateConfig:
     """Most that the pass takes off anywhere; 0 if it is not known."""
     depth_margin_um: float = 2.0
     """Least that it must take off everywhere, so that the wheel does not run in air."""
+    ledger: str = ""
+    """File of the passes of a family of parts, to learn from and to add to; none if empty."""
+    machine: str = ""
+    """Grinder of the ledger; a ledger of another one is refused."""
+    wheel: str = ""
+    """Wheel in it, in the same way."""
 
 
 @dataclass(frozen=True, slots=True)

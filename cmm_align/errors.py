@@ -79,6 +79,12 @@ class NumericsError(CmmAlignError):
     exit_code = 4
 
 
+class GateError(CmmAlignError):
+    """A file would not make the part better: it is not written."""
+
+    exit_code = 5
+
+
 class DeviceError(CmmAlignError):
     """A port or the device behind it failed."""
 

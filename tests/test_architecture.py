@@ -45,6 +45,7 @@ DOORS = {
 
 SINGLE_IMPORTER = {
     "h5py": "io",
+    "sqlite3": "io",
     "serial": "device",
     "matplotlib": "report",
     "jinja2": "report",

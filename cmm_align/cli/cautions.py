@@ -23,6 +23,8 @@ FULL_COVERAGE: Final = 0.95
 """Warn of a map that knows less than this share of the nominal."""
 WIDE_TOLERANCE: Final = 20.0
 """Warn of a tolerance more than so many times the value judged."""
+FEW_NODES: Final = 36
+"""Warn of a map with fewer nodes: as many as the shapes that PVr takes away."""
 MANY_CONTINUED: Final = 0.05
 """Warn where more than this share of the nodes is continued without data."""
 
@@ -110,7 +112,13 @@ def of_map(deviation_map: DeviationMap) -> list[str]:
         worst = float(e[np.argmax(np.abs(e))])
         texts.append(
             f"{len(e)} points were left out as outliers, up to {worst:+.4g} um: they are not in the map nor "
-            "in the verdict; if it is dirt, clean and measure again"
+            "in its numbers; if it is dirt, clean and measure again"
+        )
+    n_nodes, n_points = deviation_map.statistics.n, deviation_map.point_statistics.n
+    if n_nodes < FEW_NODES:
+        texts.append(
+            f"{n_points} points make a map of only {n_nodes} nodes, {deviation_map.spacing_mm:.3g} mm apart; "
+            "form between them is not seen, and PV is likely larger"
         )
     coverage = deviation_map.coverage
     if np.isfinite(coverage) and coverage < FULL_COVERAGE:

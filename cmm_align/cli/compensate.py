@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from cmm_align.cli import options
+from cmm_align.cli import noting, options
 from cmm_align.cli.exporting import HEADINGS, exporting_options, with_options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
+from cmm_align.cli.touching import TOUCH_HEADINGS, touch_options
 from cmm_align.config import GAIN_RULES, CompensateConfig, ExportConfig
 from cmm_align.errors import InputError, OutputError, UsageError, WrongStageError
 from cmm_align.units import UM_PER_MM
@@ -32,7 +34,7 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 """
 
 
-@options.command("compensate", TEXT, headings=HEADINGS)
+@options.command("compensate", TEXT, headings={**HEADINGS, **TOUCH_HEADINGS, **noting.HEADINGS})
 @click.argument("map_file", type=FILE, metavar="MAP")
 @click.option("--gain", metavar="G", help="Share to take off, or wiener: one by wavelength.  [default: 1.0]")
 @click.option("--force-gain", is_flag=True, help="Allow a gain over 1.2, below 2.")
@@ -49,6 +51,9 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 @click.option("--previous", type=FILE, metavar="FILE", help="Correction that this part was ground with.")
 @click.option("--first-pass", is_flag=True, help="The part was ground to the nominal, with no correction.")
 @exporting_options
+@noting.ledger_options
+@touch_options
+@click.option("--no-gate", is_flag=True, help="Write the exports unchecked.")
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
 @output_option("<measured>.comp.h5")
 def command(
@@ -65,6 +70,9 @@ def command(
     trust_me: bool,
     previous: Path | None,
     first_pass: bool,
+    touches: Path | None,
+    touch_radius: float | None,
+    no_gate: bool,
     no_picture: bool,
     output: Path | None,
     **grinding: Any,
@@ -83,6 +91,7 @@ def command(
         "trust_me": trust_me or None,
     }
     config = replace(config, **{name: value for name, value in given.items() if value is not None})
+    config, part = noting.with_ledger(config, grinding)
     config, export = with_options(config, job.config.export, grinding)
     return finish(
         job,
@@ -93,8 +102,12 @@ def command(
             export=export,
             previous=previous,
             first_pass=first_pass,
+            gate=not no_gate,
+            touches=touches,
+            touch_radius_mm=touch_radius,
             picture=not no_picture,
             output=output,
+            part=part,
         ),
     )
 
@@ -119,8 +132,12 @@ def make_correction(
     export: ExportConfig = ExportConfig(),  # noqa: B008 - frozen
     previous: Path | None = None,
     first_pass: bool = False,
+    gate: bool = True,
+    touches: Path | None = None,
+    touch_radius_mm: float | None = None,
     picture: bool = True,
     output: Path | None = None,
+    part: str | None = None,
 ) -> Outcome:
     """Read a map, compute the correction, write it and its exports.
 
@@ -135,10 +152,18 @@ def make_correction(
         What `compensate` wrote before this part was ground.
     first_pass : bool
         Whether the part was ground without a correction, whatever lies beside the map.
+    gate : bool
+        Whether the exports are read back and judged before they get their names.
+    touches : Path, optional
+        Touches of the part on the grinder: the exports are then in its frame.
+    touch_radius_mm : float, optional
+        Of the tip there; 0 for contact points.
     picture : bool
         Whether to draw the correction, beside the output and with its stem.
     output : Path, optional
         Beside the input unless given.
+    part : str, optional
+        Name of the part in the ledger of the settings.
 
     Raises
     ------
@@ -147,20 +172,24 @@ def make_correction(
     InputError
         If more than half of the nodes would have to be continued without data, or the wheel gouges or runs
         in air.
+    GateError
+        If an export would not make the part better; nothing is written then.
     """
     from cmm_align import io
-    from cmm_align.cli import cautions, exporting, opening, record, results
+    from cmm_align.cli import cautions, exporting, gating, opening, record, results, touching
     from cmm_align.cli.drawing import try_one
     from cmm_align.io.schema import CORRECTION, MAP
+    from cmm_align.provenance import this_step
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
+    from cmm_align.stages.wheel_check import wheel_of
 
     opening.check_stage(map_file, MAP, job.command, job.units)
     if output is None:
         output = beside(map_file, ".comp.h5")
     plan, drawing = exporting.plan_of(export, output), output.with_suffix(".png")
     outputs = [output, *plan.paths, drawing] if picture else [output, *plan.paths]
-    inputs = [map_file] if previous is None else [map_file, previous]
+    inputs = [map_file, *(path for path in (previous, touches) if path is not None)]
     if previous is not None:
         if first_pass:
             raise UsageError("--previous and --first-pass exclude each other")
@@ -172,14 +201,34 @@ def make_correction(
     if before is not None and previous is not None and not config.trust_me:
         _check_last_pass(map_file, deviation_map, previous, before, output)
     record.check_outputs(job, outputs, inputs)
-    correction = compensate(deviation_map, config, before)
+    time_utc = this_step(job.command, {}).time_utc
+    ledger = noting.opened(config, part, map_file, deviation_map, before, time_utc)
+    learned = ledger.used if ledger is not None else None
+    correction = compensate(deviation_map, config, before, learned)
     _check_data(correction, str(map_file))
-    wheel, depth = exporting.checked_wheel(correction, config)
-    exports = exporting.prepared(plan, correction, config, beside(map_file, "").name)
-    steps = record.steps(job, inputs, after=inputs, compensate=config, export=export, first_pass=first_pass)
-    io.write(correction, output, steps, overwrite=job.overwrite)
-    for path, one in exports:
-        one.write(path, overwrite=job.overwrite)
+    seat, on_grinder = touching.laid(
+        job, touches, touch_radius_mm, deviation_map, correction, trusted=config.trust_me
+    )
+    wheel, depth = exporting.checked_wheel(on_grinder, config)
+    exports = exporting.prepared(plan, on_grinder, config, beside(map_file, "").name)
+    settings = {"compensate": config, "export": export, "first_pass": first_pass}
+    settings |= {"learned_transfer": noting.learned_result(learned)} if learned is not None else {}
+    steps = record.steps(job, inputs, after=inputs if touches is None else inputs[:-1], **settings)
+    noted = noting.adding(ledger, deviation_map, correction, before, time_utc, replace_row=job.overwrite)
+    with noted, ExitStack() as stack:
+        report = gating.written(
+            stack,
+            plan,
+            exports,
+            deviation_map,
+            correction,
+            on_grinder,
+            wheel_of(config),
+            overwrite=job.overwrite,
+            skip=not gate,
+        )
+        correction = replace(correction, gate=gating.with_wheel(report, wheel, depth), seat=seat)
+        io.write(correction, output, steps, overwrite=job.overwrite)
 
     def draw(path: Path) -> None:
         from cmm_align.report.correction_picture import draw_correction
@@ -193,18 +242,26 @@ def make_correction(
         noun=correction,
         inputs=steps[-1].inputs,
         outputs=[path for path in outputs if not faults or path != drawing],
-        result=results.of_correction(correction, plan.paths) | exporting.result(wheel, depth),
+        result=results.of_correction(correction, plan.paths)
+        | exporting.result(wheel, depth)
+        | {"ledger": None if ledger is None else ledger.result()}
+        | gating.result(correction.gate or report)
+        | touching.result(seat, correction.nominal),
         rows=[
             *summary.of_correction(correction),
+            *(ledger.rows() if ledger is not None else ()),
             *exporting.rows(wheel, depth, plan.paths),
             results.probe_row(correction.nominal),
         ],
-        details=summary.details_of_correction(correction),
+        details=[*summary.details_of_correction(correction), *touching.details(correction.nominal)],
         warnings=[
+            *([] if gate else [gating.SKIPPED]),
+            *touching.warnings(seat),
             *faults,
             *cautions.of_causes(deviation_map),
             *cautions.of_correction(correction),
             *exporting.warnings(wheel),
+            *(ledger.warnings(before) if ledger is not None else ()),
         ],
         advice=f"grind {plan.paths[0].name}, measure the part again, and keep {output.name}: the "
         "compensation after that one takes it with --previous",

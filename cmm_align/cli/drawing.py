@@ -118,15 +118,9 @@ def limits_of(config: ErrorMapConfig, drawings: Drawings) -> Limits | None:
     UsageError
         If there is none, but a picture was asked for that is nothing without.
     """
-    low, high = config.tolerance_band_lower_um, config.tolerance_band_upper_um
-    if low < high:
-        return Limits(low, high, "tolerance band")
-    if config.tolerance_profile_um > 0.0:
-        half = 0.5 * config.tolerance_profile_um
-        return Limits(-half, half, f"profile {config.tolerance_profile_um:g} µm")
     low_um, high_um = config.tolerance_band_lower_um, config.tolerance_band_upper_um
     if low_um < high_um:
-        return Limits(low_um, high_um)
+        return Limits(low_um, high_um, "tolerance band")
     for name, width_um in (("profile", config.tolerance_profile_um), ("PV", config.tolerance_pv_um)):
         if width_um > 0.0:
             half_um = 0.5 * width_um

@@ -14,7 +14,7 @@ from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome, beside, typed
 from cmm_align.cli.map_exports import EXPORTS
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.cli.papers import Papers
-from cmm_align.cli.tolerances import ToleratedLength, ToleratedSlope, in_words, with_band
+from cmm_align.cli.tolerances import ToleratedLength, ToleratedSlope, in_words, limits_of_points, with_band
 from cmm_align.config import DECISIONS, FILTERS, ErrorMapConfig
 from cmm_align.errors import CmmAlignError, OutputError, UsageError
 from cmm_align.report.pictures import FORMATS, PICTURES
@@ -23,17 +23,33 @@ from cmm_align.units import UM_PER_MM
 if TYPE_CHECKING:
     from cmm_align.cli.drawing import Drawings
     from cmm_align.model import Alignment, DeviationMap
-    from cmm_align.surfaces.protocol import Array
 
 TEXT = """Map of the deviations of ALIGNED, with statistics, a picture and a verdict.
 
 Positive is excess material, along the outward normal. With a tolerance the exit code tells the
-verdict: 0 within, 5 out, 6 undecided because the tolerance lies inside the uncertainty. (A machine's
-own "error map" of 21 geometric components is another thing.)
+verdict: 0 within, 5 out, 6 undecided: the tolerance lies inside the uncertainty, too little was
+measured, or points left out as outliers would break it. 8 is a picture or file that could not be
+written. (A machine's own "error map" of 21 geometric components is another thing.)
 """
 
 
-@options.command("error-map", TEXT)
+HEADINGS = {
+    "Verdict": (
+        "--tolerance-pv",
+        "--tolerance-rms",
+        "--tolerance-profile",
+        "--tolerance-slope",
+        "--tolerance-band",
+        "--decision",
+    ),
+    "Papers and files": ("--report", "--card", "--pass", "--export", "--output", "--overwrite"),
+    "Pictures": ("--pictures", "--picture-format", "--section", "--scale", "--no-picture"),
+    "Which points and waves count": ("--report-region", "--spacing", "--low-pass", "--high-pass", "--filter"),
+    "What changed, and why": ("--compare", "--cause-axis"),
+}
+
+
+@options.command("error-map", TEXT, headings=HEADINGS)
 @click.argument("aligned", type=FILE)
 @click.option(
     "--spacing", type=Length(), metavar="L", help="Spacing of the grid.  [default: from the points]"
@@ -121,8 +137,8 @@ own "error map" of 21 geometric components is another thing.)
     help="Write the map for others too: a table, X3P (ISO 25178-72), Zygo's .dat; repeatable.",
 )
 @click.option("--no-picture", is_flag=True, help="Write no picture.")
-@click.option("--report", is_flag=True, help="Write <map>.html too: one page to look at, sign and print.")
-@click.option("--card", is_flag=True, help="Write <map>.card.pdf too: one A5 page for the operator.")
+@click.option("--report", is_flag=True, help="Write <measured>.map.html: one page to look at, sign, print.")
+@click.option("--card", is_flag=True, help="Write <measured>.card.pdf: one A5 page for the operator.")
 @click.option(
     "--pass",
     "pass_number",
@@ -271,7 +287,7 @@ def make_map(
         outputs += comparing.files(drawings, output)
     record.check_outputs(job, outputs, inputs)
     config = _with_region(job, config, alignment)
-    of_points = None if table is None else _limits(alignment, config, table, job.units)
+    of_points = None if table is None else limits_of_points(alignment, config, table, job.units)
     deviation_map = error_map(alignment, config, limits=of_points)
     told: list[str] = []
     if earlier is not None:
@@ -294,8 +310,7 @@ def make_map(
         outputs, faults = [*outputs, *more], [*faults, *missing]
     change = None if deviation_map.comparison is None else deviation_map.comparison.change
     verdict, reasons = summary.verdict_of(deviation_map)
-    within = verdict == "PASS"
-    command, advice = ("", "") if within else _compensation(deviation_map, output)
+    command, advice = _next(deviation_map, output)
     warnings = [
         *drawn.notes,
         *cautions.of_tolerances(deviation_map),
@@ -326,8 +341,8 @@ def make_map(
         verdict=verdict,
         reasons=reasons,
         warnings=[*(map_exports.not_written(error) for error in refused), *faults, *warnings],
-        advice="nothing: within tolerance" if within else advice,
-        next_command="" if within else command,
+        advice=advice,
+        next_command=command,
         exit_code=_exit_code(deviation_map, refused, faults),
     )
 
@@ -350,24 +365,19 @@ def _with_region(job: Job, config: ErrorMapConfig, alignment: Alignment) -> Erro
     return replace(config, report_region=region.text)
 
 
-def _limits(
-    alignment: Alignment, config: ErrorMapConfig, table: Path, units: str | None
-) -> tuple[Array, Array]:
-    """Return the least and largest deviation of every point, mm; all that count must be in the table."""
-    import numpy as np
+def _next(deviation_map: DeviationMap, output: Path) -> tuple[str, str]:
+    """Return the command to type next, and what to do: the same as on page and card."""
+    from cmm_align.model import Verdict
+    from cmm_align.report.instruction import instruction
 
-    from cmm_align import formats
-    from cmm_align.stages.report_region import reported_in
-    from cmm_align.surfaces.region import region_from_text
-
-    if config.report_region:
-        region = region_from_text(config.report_region, alignment.nominal.surface, "report_region")
-        alignment = reported_in(alignment, region)
-    limits = formats.read_limits(table, units)
-    lower, upper = np.full(len(alignment.ids), -np.inf), np.full(len(alignment.ids), np.inf)
-    rows = formats.matched(alignment.ids[alignment.judged], limits.ids, str(table))
-    lower[alignment.judged], upper[alignment.judged] = limits.lower_mm[rows], limits.upper_mm[rows]
-    return lower, upper
+    if deviation_map.verdict == Verdict.PASS:
+        return "", "nothing: within tolerance"
+    command, advice = _compensation(deviation_map, output)
+    told = instruction(deviation_map, command)
+    if deviation_map.verdict == Verdict.NONE or told.command:
+        return command, advice
+    order = told.order.replace("\N{MINUS SIGN}", "-").replace("\N{MICRO SIGN}", "u")
+    return "", order[0].lower() + order[1:]
 
 
 def _compensation(deviation_map: DeviationMap, output: Path) -> tuple[str, str]:

@@ -52,13 +52,18 @@ def look_into(job: Job, path: Path) -> Outcome:
     """
     from cmm_align import io
     from cmm_align.cli import opening
+    from cmm_align.io import ledger_file
     from cmm_align.provenance import InputFile, sha256_of_file
 
     opening.check_kind(path, opening.ANY)
     checksum = sha256_of_file(path)
     with path.open("rb") as stream:
-        ours = stream.read(len(io.MAGIC)) == io.MAGIC and io.schema_of(path) is not None
-    result, rows, details, follow = _ours(path) if ours else _theirs(path, job.units)
+        head = stream.read(len(ledger_file.MAGIC))
+    ours = head.startswith(io.MAGIC) and io.schema_of(path) is not None
+    if head == ledger_file.MAGIC:
+        result, rows, details, follow = _ledger(path)
+    else:
+        result, rows, details, follow = _ours(path) if ours else _theirs(path, job.units)
     is_command = follow.startswith("cmm-align")
     return Outcome(
         command=job.command,
@@ -94,6 +99,21 @@ def _ours(path: Path) -> tuple[dict[str, Any], Rows, Rows, str]:
         details.append((item["name"], f"{shape}, {item['units']}: {item['description']}"))
     result = {**found, "steps": [asdict(step) for step in found["steps"]]}
     return result, rows, details, found["next"].replace("`", "")
+
+
+def _ledger(path: Path) -> tuple[dict[str, Any], Rows, Rows, str]:
+    """Return result, rows, details and what to do next for a ledger."""
+    from cmm_align.io.ledger_file import VERSION, read_ledger
+
+    ledger = read_ledger(path)
+    parts = list(dict.fromkeys(one.part for one in ledger.passes))
+    result = {"what": "a ledger", "n_passes": len(ledger.passes), "parts": parts}
+    rows = [
+        ("what", f"a ledger of passes, version {VERSION}"),
+        ("passes", f"{len(ledger.passes)}, of parts: {', '.join(parts) or 'none yet'}"),
+        ("nominal", ledger.nominal_digest),
+    ]
+    return result, rows, [], typed("cmm-align", "history", path)
 
 
 def _summary(path: Path) -> tuple[Rows, Rows]:

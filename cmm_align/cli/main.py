@@ -35,6 +35,7 @@ COMMANDS: Final = {
     "align": "Best-fit pose, deviations and contact points.",
     "error-map": "Gridded deviations, statistics, picture and verdict.",
     "compensate": "The surface to grind next, with its exports.",
+    "history": "What a ledger of passes tells: predicted and come, learned transfer, wear.",
     "capture": "Points from the controller's port, or from a recording of one.",
     "info": "What is in a file, and where it came from.",
     "selftest": "Proof on this machine: known answers, and how near the software comes to them.",
@@ -94,6 +95,8 @@ def cmm_align() -> None:
 
 def run() -> NoReturn:
     """Run the command line and leave the process with the exit code of the contract."""
+    # Our own threads share the cores already; threads of the matrix library would only wait for them.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, _terminate)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -124,7 +124,9 @@ def _page_pictures(deviation_map: DeviationMap, wishes: Wishes) -> list[PagePict
     from cmm_align.report.comparison_picture import draw_comparison
     from cmm_align.report.page import PagePicture
 
+    found = deviation_map.root_causes
     left_out = {"map", "relief"} | (set() if deviation_map.alignment.report.n_outliers else {"outliers"})
+    left_out |= set() if found is not None and found.causes else {"causes"}
     drawings: list[tuple[str, str, Callable[[Path], None]]] = [
         (
             picture.sentence,

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import UnitsError, UsageError
 from cmm_align.units import MRAD_PER_RAD, UM_PER_MM, parse_angle_rad, parse_length_mm, states_unit
+
+if TYPE_CHECKING:
+    from cmm_align.model import Alignment
+    from cmm_align.surfaces.protocol import Array
 
 NAMES: Final = {
     "tolerance_pv_um": ("PV", "um"),
@@ -105,6 +109,42 @@ def in_words(config: ErrorMapConfig, table: Path | None) -> str:
         return "none given, so no verdict (--tolerance-pv, -rms, -profile, -slope, -band)"
     rule = f"guard band {config.guard_factor:g} u" if config.decision == "guard-band" else "simple acceptance"
     return f"{', '.join(given)}; {rule}"
+
+
+def limits_of_points(
+    alignment: Alignment, config: ErrorMapConfig, table: Path, units: str | None
+) -> tuple[Array, Array]:
+    """Return the least and largest deviation of every point, mm; all that count must be in the table.
+
+    Parameters
+    ----------
+    alignment : Alignment
+    config : ErrorMapConfig
+        With the report region, if there is one.
+    table : Path
+        With the columns id, lower and upper limit.
+    units : str or None
+        Of a table that states none.
+
+    Returns
+    -------
+    lower_mm, upper_mm : ndarray, shape (N,), mm
+        Infinite for points that do not count.
+    """
+    import numpy as np
+
+    from cmm_align import formats
+    from cmm_align.stages.report_region import reported_in
+    from cmm_align.surfaces.region import region_from_text
+
+    if config.report_region:
+        region = region_from_text(config.report_region, alignment.nominal.surface, "report_region")
+        alignment = reported_in(alignment, region)
+    limits = formats.read_limits(table, units)
+    lower, upper = np.full(len(alignment.ids), -np.inf), np.full(len(alignment.ids), np.inf)
+    rows = formats.matched(alignment.ids[alignment.judged], limits.ids, str(table))
+    lower[alignment.judged], upper[alignment.judged] = limits.lower_mm[rows], limits.upper_mm[rows]
+    return lower, upper
 
 
 def _length_um(text: str, option: str) -> float:

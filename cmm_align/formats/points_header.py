@@ -9,7 +9,7 @@ from cmm_align.model import PointKind
 from cmm_align.units import mm_per
 
 MARK: Final = "# cmm-align points"
-FRAMES: Final = ("machine", "part")
+FRAMES: Final = ("machine", "part", "grinder")
 _VERSION: Final = "v1"
 
 

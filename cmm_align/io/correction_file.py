@@ -16,8 +16,10 @@ from cmm_align.model import (
     Correction,
     CorrectionBand,
     CorrectionLimits,
+    GateReport,
     PassPrediction,
     PassResponse,
+    Seat,
     Statistics,
     frozen_array,
 )
@@ -35,7 +37,7 @@ _GRIDS: Final = (
 )
 
 _MORE_GRIDS: Final = ("deviation_mm", "status")
-_RECORDS: Final = ("band", "limits", "prediction", "response")
+_RECORDS: Final = ("band", "limits", "prediction", "response", "gate", "seat")
 """What files of older versions do not hold."""
 
 
@@ -101,6 +103,8 @@ def read_body(file: h5py.File) -> Correction:
         limits=_record(file, "limits", CorrectionLimits),
         prediction=_record(file, "prediction", PassPrediction),
         response=_record(file, "response", PassResponse),
+        gate=_record(file, "gate", GateReport),
+        seat=_record(file, "seat", Seat),
     )
 
 

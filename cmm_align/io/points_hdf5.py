@@ -18,7 +18,7 @@ from cmm_align.units import mm_per
 
 _NAMES: Final = ("points_mm", "points", "xyz")
 _IDS: Final = ("ids", "id")
-_FRAMES: Final = ("machine", "part")
+_FRAMES: Final = ("machine", "part", "grinder")
 
 
 def read_points_hdf5(path: Path | str, units: str | None = None) -> PointSet:

@@ -19,7 +19,20 @@ from cmm_align.model.correction import (
     ProcessTransfer,
 )
 from cmm_align.model.fit_report import FitReport, FitStep, FreeScale, PointStatus
+from cmm_align.model.gate import GateCheck, GatedExport, GateReport
 from cmm_align.model.judgement import Conformance, Judgement
+from cmm_align.model.ledger import (
+    BandRecord,
+    BandResponse,
+    Dressing,
+    LearnedBand,
+    LearnedTransfer,
+    Ledger,
+    LedgerPass,
+    PassOutcome,
+    WaveBand,
+    WheelWear,
+)
 from cmm_align.model.low_orders import LowOrders
 from cmm_align.model.map_numbers import Irregularity, MadeBy, MapNumbers, SlopeError
 from cmm_align.model.monte_carlo import MonteCarlo, PointSpread, Spread
@@ -46,6 +59,7 @@ from cmm_align.model.results import (
     MapFilter,
 )
 from cmm_align.model.root_causes import RootCauses
+from cmm_align.model.seat import DoubtfulTouch, Seat
 from cmm_align.model.spectrum import Band, Spectrum
 from cmm_align.model.statistics import Statistics, Verdict
 
@@ -53,6 +67,8 @@ __all__ = [
     "MIN_POINTS",
     "Alignment",
     "Band",
+    "BandRecord",
+    "BandResponse",
     "Bidirectional",
     "Change",
     "ChangeBand",
@@ -64,15 +80,24 @@ __all__ = [
     "CorrectionLimits",
     "CorrectionStatus",
     "DeviationMap",
+    "DoubtfulTouch",
+    "Dressing",
     "Equidistant",
     "Fiducials",
     "FitReport",
     "FitStep",
     "FreeScale",
+    "GateCheck",
+    "GateReport",
+    "GatedExport",
     "IntArray",
     "Irregularity",
     "Judgement",
     "LadderRung",
+    "LearnedBand",
+    "LearnedTransfer",
+    "Ledger",
+    "LedgerPass",
     "LowOrders",
     "MadeBy",
     "MapFilter",
@@ -81,6 +106,7 @@ __all__ = [
     "MotionLimits",
     "Nominal",
     "NominalQuality",
+    "PassOutcome",
     "PassPrediction",
     "PassResponse",
     "PointKind",
@@ -93,11 +119,14 @@ __all__ = [
     "ProcessTransfer",
     "RemovedMotion",
     "RootCauses",
+    "Seat",
     "SlopeError",
     "Spectrum",
     "Spread",
     "Statistics",
     "Verdict",
+    "WaveBand",
+    "WheelWear",
     "frozen_array",
     "joined",
 ]

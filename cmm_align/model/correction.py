@@ -8,7 +8,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.model.gate import GateReport
 from cmm_align.model.nominal import Nominal
+from cmm_align.model.seat import Seat
 from cmm_align.model.statistics import Statistics
 from cmm_align.surfaces.protocol import Array, Mask
 
@@ -202,6 +204,10 @@ class Correction:
     prediction : PassPrediction or None
     response : PassResponse or None
         What came of the pass before; None for the first.
+    gate : GateReport or None
+        What was found in the exported files; None where none was written.
+    seat : Seat or None
+        How the part sits on the grinder: the exports are then in the frame of the grinder.
     """
 
     nominal: Nominal
@@ -227,3 +233,5 @@ class Correction:
     limits: CorrectionLimits | None = None
     prediction: PassPrediction | None = None
     response: PassResponse | None = None
+    gate: GateReport | None = None
+    seat: Seat | None = None

@@ -42,3 +42,8 @@ class Conformance:
     judgements: tuple[Judgement, ...]
     probability: float
     """That the part keeps all tolerances, where it was measured: at least this (exact for a single one)."""
+
+    @property
+    def kept(self) -> bool:
+        """Whether every tolerance is kept by what was measured and counts."""
+        return all(j.verdict == "pass" for j in self.judgements)

@@ -49,7 +49,7 @@ class PointSet:
     points_mm : ndarray, shape (N, 3), mm, frame `frame`
     kind : PointKind
     frame : str
-        ``machine`` or ``part``.
+        ``machine``, ``part``, or ``grinder`` for what was written for a part that was touched there.
     ids : ndarray of int64, shape (N,)
         Number of each point in its source, from 0 unless the file numbers them.
     source : str

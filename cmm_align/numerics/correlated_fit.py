@@ -25,12 +25,11 @@ Sources: Patterson and Thompson 1971, doi 10.1093/biomet/58.3.545 (restricted li
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import lgamma
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
-from scipy.special import gammaln
 
 Array = NDArray[np.float64]
 
@@ -105,7 +104,7 @@ def tables(places: Array, counts: Array, always: Array, columns: Array, values: 
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))
     fields = _fields(np.linalg.norm(places[:, None] - places, axis=2) / extent)
     for length, common in fields:
-        field, vectors = eigh(common * (root * root.T), check_finite=False)
+        field, vectors = np.linalg.eigh(common * (root * root.T))
         turned = vectors.T @ everything
         for noise in NOISE:
             spread = np.maximum(field, 0.0) + noise
@@ -165,7 +164,7 @@ def fit(found: Tables, chosen: Sequence[int]) -> Fit:
         found.log_start
         + 0.5 * q * np.log(variance)
         - 0.5 * np.linalg.slogdet(held)[1]
-        + gammaln(half)
+        + lgamma(half)
         - half * np.log(0.5 * np.maximum(square - explained, floor))
     )
     top = float(log_p.max())

@@ -107,6 +107,45 @@ def continued(field: Array) -> Array:
     return result
 
 
+def carried_on(field: Array, rings: int) -> Array:
+    """Return a field with some rings of nodes around the known ones carried on by parabolas.
+
+    Parameters
+    ----------
+    field : ndarray, shape (ny, nx)
+        NaN where unknown.
+    rings : int
+        How many; more than a few run away.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx)
+        ``3 f1 - 3 f2 + f3``, the mean over those of the eight directions that have three known nodes in a
+        row, two where there are no three (``2 f1 - f2``); known nodes unchanged, others NaN.
+    """
+    out = field
+    for _ in range(rings):
+        wide = np.pad(out, 3, constant_values=np.nan)
+        known = np.isfinite(wide)
+        beside = known[2:, 1:-1] | known[:-2, 1:-1] | known[1:-1, 2:] | known[1:-1, :-2]
+        iy, ix = np.nonzero(beside[2:-2, 2:-2] & ~known[3:-3, 3:-3])
+        if not len(iy):
+            return out
+        lines = [
+            [wide[3 + iy + k * dy, 3 + ix + k * dx] for k in (1, 2, 3)]
+            for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+        ]
+        value = np.full(len(iy), np.nan)
+        for found in ([2.0 * a - b for a, b, _ in lines], [3.0 * (a - b) + c for a, b, c in lines]):
+            some = np.isfinite(found)
+            count = some.sum(axis=0)
+            mean = np.where(some, found, 0.0).sum(axis=0) / np.maximum(count, 1)
+            value = np.where(count > 0, mean, value)
+        out = out.copy()
+        out[iy, ix] = value
+    return out
+
+
 def _located(nodes: Array, places: Array) -> tuple[NDArray[np.intp], Array, Mask]:
     """Return the cell of each place, its share in the cell (0 to 1), and whether it is near the grid."""
     t = (places - nodes[0]) / (nodes[1] - nodes[0])

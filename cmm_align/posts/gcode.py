@@ -1,4 +1,4 @@
-"""G-code with the path of the tool's centre, as a raster or a spiral: G21 G90 G94, frame `part`.
+"""G-code with the path of the tool's centre, as a raster or a spiral: G21 G90 G94, frame `part` or `grinder`.
 
 A stroke starts with a G1 that repeats the feed; its other points are lines of coordinates alone. Where the
 tool is lifted it goes along the direction of projection to a height above the highest point of the path, at
@@ -20,7 +20,7 @@ from cmm_align.formats.fixed_decimals import Field, Piece, lines_of
 from cmm_align.numerics.wheel import Wheel, centre_from_contact
 from cmm_align.posts.commanded import CommandedPoints
 from cmm_align.posts.contacts import contacts
-from cmm_align.posts.job import ExportJob
+from cmm_align.posts.job import ExportJob, frame_in
 from cmm_align.posts.limits import check_lines
 from cmm_align.posts.numbers import Lines, table_of
 from cmm_align.posts.rounding import rounding_mm
@@ -64,7 +64,8 @@ def _blocks(job: ExportJob, path: ToolPath, kind: str) -> Iterator[bytes]:
         return b"".join(lines_of([code, *xyz, end], list(at[:, None])))
 
     yield (
-        f"%\n({job.program_name()})\n(CMM-ALIGN: TOOL CENTRES, {kind.upper()}, FRAME OF THE PART)\n"
+        f"%\n({job.program_name()})\n"
+        f"(CMM-ALIGN: TOOL CENTRES, {kind.upper()}, FRAME OF THE {job.frame.upper()})\n"
         f"({wheel.words.upper().replace('(', '').replace(')', '')})\nG21 G90 G94\n"
     ).encode("ascii")
     bounds = [*path.starts.tolist(), len(centres)]
@@ -100,7 +101,7 @@ def read(raw: bytes, where: str, wheel: Wheel) -> CommandedPoints:
     rounding = rounding_mm(len(plain.split(maxsplit=1)[0].partition(b".")[2]))
     starts = np.flatnonzero(first[cut])
     found = contacts(centres, starts, wheel, above - centres[0])
-    return CommandedPoints(found.points_mm, found.normals, centres, "part", rounding + found.error_mm)
+    return CommandedPoints(found.points_mm, found.normals, centres, frame_in(raw), rounding + found.error_mm)
 
 
 def _without_feed(lines: Lines, cut: NDArray[np.bool_], first: NDArray[np.bool_]) -> bytes:

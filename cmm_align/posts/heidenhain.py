@@ -1,4 +1,4 @@
-"""Straight blocks with surface normals in Klartext: ``LN X Y Z NX NY NZ``, contact points in frame `part`.
+"""Straight blocks with normals in Klartext: ``LN X Y Z NX NY NZ``, points in frame `part` or `grinder`.
 
 The control itself moves the tool off the surface along the normal by the radius and the deltas of its tool
 table (3-D tool compensation), so the program holds for every wheel. Source: Heidenhain, "TNC 640 User's
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cmm_align.errors import MalformedInputError
 from cmm_align.formats.fixed_decimals import Field, Piece, lines_of
 from cmm_align.posts.commanded import CommandedPoints
-from cmm_align.posts.job import ExportJob
+from cmm_align.posts.job import ExportJob, frame_in
 from cmm_align.posts.limits import check_lines
 from cmm_align.posts.numbers import Lines, table_of
 from cmm_align.posts.rounding import least_normal_decimals, rounding_mm
@@ -52,7 +52,7 @@ def blocks(job: ExportJob) -> Iterator[bytes]:
     columns = [*path.points_mm.T, *path.normals.T]
     yield (
         f"0 BEGIN PGM {name} MM\n"
-        "1 ; cmm-align: contact points and surface normals, frame of the part\n"
+        f"1 ; cmm-align: contact points and surface normals, frame of the {job.frame}\n"
         "2 ; tool call, spindle, coolant and the M function of 3-D compensation: put yours here\n"
         f"3 FN 0: Q1 =+{job.config.feed_mm_min:g} ; feed mm/min\n"
     ).encode("ascii")
@@ -105,7 +105,7 @@ def read(raw: bytes, where: str) -> CommandedPoints:
         points_mm=table[:, 1:4],
         normals=table[:, 4:7],
         tool_centres_mm=None,
-        frame="part",
+        frame=frame_in(raw),
         accuracy_mm=rounding_mm(len(first[1].partition(b".")[2])),
     )
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from typing import Final
 
 from cmm_align.config import ExportConfig
 from cmm_align.errors import UsageError
 from cmm_align.model import Correction
 from cmm_align.numerics.wheel import Wheel
+
+_FRAME: Final = re.compile(rb"frame of the (\w+)", re.IGNORECASE)
+_HEAD_BYTES: Final = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +26,7 @@ class ExportJob:
     decimals : int
         Of coordinates in mm, at least six.
     wheel : Wheel or None
-        Axis in frame `part`.
+        Axis in frame `frame`.
     name : str
         Name of the part.
     """
@@ -31,6 +36,11 @@ class ExportJob:
     decimals: int = 6
     wheel: Wheel | None = None
     name: str = "PART"
+
+    @property
+    def frame(self) -> str:
+        """Return the frame of what is written: part, or grinder where the part was touched there."""
+        return self.correction.nominal.surface_from_part.source
 
     def known_wheel(self, purpose: str) -> Wheel:
         """Return the wheel.
@@ -48,3 +58,9 @@ class ExportJob:
         """Return the name as controls take it: letters, digits and underscores, upper case."""
         plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in self.name.upper())
         return plain.strip("_")[:most] or "PART"
+
+
+def frame_in(raw: bytes) -> str:
+    """Return the frame that the head of a program states, as ``frame of the grinder``; part without one."""
+    found = _FRAME.search(raw, 0, _HEAD_BYTES)
+    return "part" if found is None else found[1].decode("ascii", "replace").lower()

@@ -48,7 +48,16 @@ from cmm_align.units import mm_per
 
 SCHEMA: Final = "cmm-align/post/1"
 OF_A_LINE: Final = ("x", "y", "z", "i", "j", "k", "cx", "cy", "cz", "n")
-OF_THE_FILE: Final = ("name", "points", "units", "wheel_radius", "wheel_tip_radius", "feed", "safe_height")
+OF_THE_FILE: Final = (
+    "name",
+    "points",
+    "units",
+    "wheel_radius",
+    "wheel_tip_radius",
+    "feed",
+    "safe_height",
+    "frame",
+)
 ORDERS: Final = ("rows", "raster-x", "raster-y", "spiral-inwards", "spiral-outwards")
 
 _ENDINGS: Final = {"lf": "\n", "crlf": "\r\n"}
@@ -238,6 +247,7 @@ def _around(text: str, job: ExportJob, template: Template, n: int) -> str:
         "wheel_radius": "" if wheel is None else f"{wheel.radius_mm / unit_mm:.9g}",
         "wheel_tip_radius": "" if wheel is None else f"{wheel.tip_radius_mm / unit_mm:.9g}",
         "feed": f"{job.config.feed_mm_min / unit_mm:.9g}",
+        "frame": job.frame,
         "safe_height": f"{job.config.safe_height_mm / unit_mm:.9g}",
     }
     return _ended(_PLACEHOLDER.sub(lambda found: values[found[1]], text), template)

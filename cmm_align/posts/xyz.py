@@ -1,4 +1,4 @@
-"""Points as text: x, y, z, or x, y, z and the unit normal i, j, k, in frame `part`, mm."""
+"""Points as text: x, y, z, or x, y, z and the unit normal i, j, k, in frame `part` or `grinder`, mm."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from cmm_align import formats
 from cmm_align.errors import MalformedInputError
+from cmm_align.formats.points_header import read_header
 from cmm_align.model import PointKind, PointSet
 from cmm_align.posts.commanded import CommandedPoints, points_and_normals
 from cmm_align.posts.job import ExportJob
@@ -17,14 +18,14 @@ from cmm_align.surfaces.protocol import Array
 def xyz_blocks(job: ExportJob) -> Iterator[bytes]:
     """Give the text of the points."""
     points, _ = points_and_normals(job.correction)
-    return formats.text_blocks(_commanded(points), decimals=job.decimals)
+    return formats.text_blocks(_commanded(points, job), decimals=job.decimals)
 
 
 def xyzijk_blocks(job: ExportJob) -> Iterator[bytes]:
     """Give the text of points and normals."""
     points, normals = points_and_normals(job.correction)
     return formats.text_blocks(
-        _commanded(points),
+        _commanded(points, job),
         decimals=job.decimals,
         normals=normals,
         normal_decimals=least_normal_decimals(job.wheel),
@@ -55,10 +56,10 @@ def read(raw: bytes, where: str) -> CommandedPoints:
         points_mm=table[:, :3],
         normals=table[:, 3:] if width == 6 else None,
         tool_centres_mm=None,
-        frame="part",
+        frame=read_header(raw[: raw.find(b"\n")].decode("utf-8", "replace"), where).frame,
         accuracy_mm=rounding_mm(len(first.partition(b".")[2])),
     )
 
 
-def _commanded(points: Array) -> PointSet:
-    return PointSet.of(points, kind=PointKind.COMMANDED, frame="part")
+def _commanded(points: Array, job: ExportJob) -> PointSet:
+    return PointSet.of(points, kind=PointKind.COMMANDED, frame=job.frame)

@@ -33,6 +33,7 @@ from cmm_align.report.instruction import Instruction
 from cmm_align.report.map_picture import map_size, mark_extremes
 from cmm_align.report.page_section import shown
 from cmm_align.report.page_sections import headline_um
+from cmm_align.report.summary import verdict_in_one_line
 from cmm_align.units import MM_PER
 
 MM_PER_INCH: Final = MM_PER["inch"]
@@ -53,6 +54,7 @@ _ORDER_LETTERS: Final = 25
 _COMMAND_LETTERS: Final = 58
 _REASON_LETTERS: Final = 66
 _NUMBER_LETTERS: Final = 5
+_TOLD_LETTERS: Final = 44
 _NARROW_MM: Final = 45.0
 """A map narrower than this has its labels beside it ..."""
 _LABEL_MM: Final = 36.0
@@ -89,7 +91,7 @@ def draw_card(
     with mpl.rc_context(style):
         figure = Figure(figsize=(WIDTH_MM / MM_PER_INCH, HEIGHT_MM / MM_PER_INCH), facecolor="white")
         FigureCanvasPdf(figure)
-        _head(figure, title, pass_number, date)
+        _head(figure, title, pass_number, date, _told_of(m))
         _verdict(figure, m)
         _numbers(figure, m)
         _map(figure, m)
@@ -108,7 +110,14 @@ def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
-def _head(figure: Figure, title: str, pass_number: int | None, date: str) -> None:
+def _told_of(m: DeviationMap) -> list[str]:
+    """Return which waves and which part of the surface the numbers are of; nothing where of all."""
+    waves = "" if m.filter is None else f"filtered: {m.filter.words}"
+    region = m.alignment.report.report_region.removeprefix("the ")
+    return [line for line in (waves, f"only the {region}" if region else "") if line]
+
+
+def _head(figure: Figure, title: str, pass_number: int | None, date: str, told_of: list[str]) -> None:
     size = min(22.0, 22.0 * 15 / max(len(title), 1))
     _write(figure, MARGIN_MM, 197.0, _cut(title, _TITLE_LETTERS), max(size, 14.5), weight="bold")
     right = WIDTH_MM - MARGIN_MM
@@ -118,6 +127,9 @@ def _head(figure: Figure, title: str, pass_number: int | None, date: str) -> Non
         figure, right, 197.0, text, 22.0 if known else 12.0, weight="bold" if known else "normal", ha="right"
     )
     _write(figure, MARGIN_MM, 188.0, f"{date}   cmm-align {program_version()}".strip(), 9.0, color=SOFT)
+    for k, line in enumerate(told_of):
+        y = 188.0 + 4.0 * (len(told_of) - 1 - k) - 1.5 * (len(told_of) - 1)
+        _write(figure, right, y, _cut(line, _TOLD_LETTERS), 9.0, weight="bold", ha="right")
 
 
 def _box(figure: Figure, low_mm: float, high_mm: float, colour: str) -> None:
@@ -145,8 +157,7 @@ def _verdict(figure: Figure, m: DeviationMap) -> None:
         _write(figure, middle, 169.5, "no tolerance given", 28.0, weight="bold", **look)
         return
     _write(figure, middle, 172.0, m.verdict.value.upper(), 46.0, weight="bold", **look)
-    told = shown("; ".join(m.verdict_lines))
-    _write(figure, middle, 160.3, _cut(told, _REASON_LETTERS), 10.0, **look)
+    _write(figure, middle, 160.3, shown(verdict_in_one_line(m, _REASON_LETTERS)), 10.0, **look)
 
 
 def _numbers(figure: Figure, m: DeviationMap) -> None:

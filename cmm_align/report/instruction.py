@@ -1,6 +1,7 @@
 """The one thing to do next with a part: for its operator, who reads one line.
 
-The first rule that holds decides: a map that does not know the part, an open verdict, a part within
+The first rule that holds decides: a map that does not know the part, outliers that alone keep the verdict
+open, an open verdict, a part within
 tolerance, a part out of it for one cause that a setting removes, a part out of it, no tolerance at all.
 """
 
@@ -54,11 +55,7 @@ def instruction(deviation_map: DeviationMap, command: str) -> Instruction:
             "Measure the rest", "", f"The map knows {as_percent(m.coverage)} of the {whole} only."
         )
     if m.verdict == Verdict.UNDECIDED:
-        return Instruction(
-            "Measure again, with more points",
-            "",
-            "The tolerance lies inside the uncertainty: the part is neither good nor bad.",
-        )
+        return _undecided(m)
     if m.verdict == Verdict.PASS:
         return Instruction("Clean and ship", "", "The part is within tolerance.")
     cause = None if m.root_causes is None else m.root_causes.dominant
@@ -67,6 +64,21 @@ def instruction(deviation_map: DeviationMap, command: str) -> Instruction:
     if m.verdict == Verdict.FAIL:
         return Instruction("Compensate, then grind", command, "The part is out of tolerance.")
     return Instruction("Ask for the tolerance", "", "No tolerance was given, so nothing was judged.")
+
+
+def _undecided(m: DeviationMap) -> Instruction:
+    """Return what to do with a part whose verdict is open."""
+    if m.conformance is not None and m.conformance.kept:
+        return Instruction(
+            "Clean, then measure again",
+            "",
+            "Points left out as outliers break the tolerance: dirt, or a fault of the part.",
+        )
+    return Instruction(
+        "Measure again, with more points",
+        "",
+        "The tolerance lies inside the uncertainty: the part is neither good nor bad.",
+    )
 
 
 def _first(cause: Cause) -> str:

@@ -34,6 +34,7 @@ from cmm_align.report.canvas import (
 )
 from cmm_align.report.field import draw_field, draw_points, unknown_inside
 from cmm_align.report.region_outline import draw_regions
+from cmm_align.report.summary import verdict_in_one_line
 from cmm_align.report.wording import in_print
 from cmm_align.surfaces.protocol import Bounds
 from cmm_align.units import UM_PER_MM
@@ -44,6 +45,8 @@ _LEGEND_RIGHT: Final = 0.7
 """Under a narrow map the legend would run into the name of its axis."""
 _HEAD_IN: Final = 1.1
 _VERDICT_IN: Final = 0.2
+_VERDICT_LETTERS: Final = 112
+"""Letters that a line of the head holds."""
 _FOOT_IN: Final = 0.84
 _MAX_MAP_IN: Final = 7.2
 
@@ -111,7 +114,7 @@ def draw_map(
             f"RMS {three_digits(single.rms_mm * UM_PER_MM)} µm, N {thin(single.n)}",
         ]
         if chip is not None and m.verdict_lines:
-            lines.append(in_print("; ".join(m.verdict_lines)))
+            lines.append(in_print(verdict_in_one_line(m, _VERDICT_LETTERS)))
         header(figure, title, lines, head_numbers(m.statistics), height_in, chip)
         footer(figure, [source, *origin(nominal), f"grid {m.spacing_mm:.4g} mm", version()], height_in)
         save(figure, path)

@@ -25,7 +25,7 @@ from cmm_align.report.instruction import Instruction
 from cmm_align.report.page_map import map_data, thinning
 from cmm_align.report.page_section import shown
 from cmm_align.report.page_sections import headline, sections
-from cmm_align.report.summary import verdict_of
+from cmm_align.report.summary import keeps, verdict_of
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -106,7 +106,7 @@ def write_page(
             time=_time(steps[-1].time_utc) if steps else "",
             version=program_version(),
             verdict=verdict,
-            reasons=[shown(reason) for reason in reasons],
+            reasons=[(shown(reason), keeps(reason)) for reason in reasons],
             headline=headline(m),
             advice=advice,
             warnings=[shown(text) for text in warnings],

@@ -16,7 +16,7 @@ from cmm_align.report.canvas import signed, thin
 from cmm_align.report.page_findings import causes, changed
 from cmm_align.report.page_section import Row, Section, shown
 from cmm_align.report.summary import details_of_map, of_map
-from cmm_align.report.wording import as_length, as_percent, calm, decimals, two_digits
+from cmm_align.report.wording import as_chance, as_length, as_percent, calm, decimals, two_digits
 from cmm_align.units import UM_PER_MM
 
 _TOLD: Final = {"PV", "RMS", "PVr", "mean", "highest", "lowest", "highest point", "lowest point"} | {
@@ -89,14 +89,15 @@ def judgements(m: DeviationMap) -> Section:
     """Return what was judged, against what, with which outcome."""
     if not m.verdict_lines:
         return Section("Tolerances", (), note="No tolerance given, so there is no verdict.")
-    lines = "; ".join(shown(line) for line in m.verdict_lines)
     if m.conformance is None:
-        return Section("Tolerances", (), note=lines)
+        return Section("Tolerances", (), note="; ".join(shown(line) for line in m.verdict_lines))
+    told = {j.sentence for j in m.conformance.judgements}
+    others = "".join(f"{shown(line)}. " for line in m.verdict_lines if line not in told)
     rows = tuple(
         (
-            f"{j.quantity}, {shown(j.unit)}",
-            calm(j.measured),
-            calm(j.value),
+            f"{'beyond the band' if j.quantity == 'band' else j.quantity}, {shown(j.unit)}",
+            _number(j.measured),
+            _number(j.value),
             two_digits(j.u),
             _limits(j),
             as_chance(j.probability),
@@ -105,15 +106,7 @@ def judgements(m: DeviationMap) -> Section:
     )
     head = ("", "measured", "less noise", "u", "limits", "P within")
     guard = f"guard band of {m.conformance.guard_factor:g} u" if m.conformance.guard_factor else "as measured"
-    return Section("Tolerances", rows, head, f"{lines}. Decided by: {guard}.")
-
-
-def as_chance(probability: float) -> str:
-    """Return a probability in percent that says neither never nor always."""
-    percent = 100.0 * probability
-    if percent < 0.1:
-        return "< 0.1 %"
-    return "> 99.9 %" if percent > 99.9 else f"{percent:.1f} %"
+    return Section("Tolerances", rows, head, f"{others}Decided by: {guard}.")
 
 
 def _limits(j: Judgement) -> str:
@@ -188,7 +181,7 @@ def outliers(alignment: Alignment) -> Section:
     return Section(
         "Outliers",
         (("left out", count(found)), ("worst", told)),
-        note="They are not in the map, the numbers or the verdict.",
+        note="Not in the map nor in its numbers; where they would break a tolerance the verdict is open.",
     )
 
 

@@ -16,6 +16,7 @@ from cmm_align.model import (
     Statistics,
     Verdict,
 )
+from cmm_align.report.gate_rows import gate_details, gate_rows, seat_rows
 from cmm_align.report.number_rows import of_numbers
 from cmm_align.report.wording import as_length, as_percent, at_place, extreme, in_nm, in_um
 from cmm_align.units import MRAD_PER_RAD, UM_PER_MM
@@ -66,8 +67,26 @@ def verdict_of(deviation_map: DeviationMap) -> tuple[str, tuple[str, ...]]:
     m = deviation_map
     if m.verdict == Verdict.NONE:
         return "", ()
-    extra = ("inside the guard band: neither within nor out",) if m.verdict == Verdict.UNDECIDED else ()
+    inside = m.verdict == Verdict.UNDECIDED and (m.conformance is None or not m.conformance.kept)
+    extra = ("inside the guard band: neither within nor out",) if inside else ()
     return m.verdict.value.upper(), (*m.verdict_lines, *extra)
+
+
+def keeps(line: str) -> bool:
+    """Return whether a sentence of a verdict says that its tolerance is kept."""
+    return line.endswith(f": {Verdict.PASS.value}")
+
+
+def verdict_in_one_line(deviation_map: DeviationMap, most_letters: int) -> str:
+    """Return the sentences of a verdict, what decided it first, as far as there is room."""
+    lines = sorted(deviation_map.verdict_lines, key=keeps)
+    text = lines[0] if lines else ""
+    for told, line in enumerate(lines[1:], start=1):
+        if len(text) + len(line) + len("; ; 9 more") > most_letters:
+            text += f"; {len(lines) - told} more"
+            break
+        text += f"; {line}"
+    return text if len(text) <= most_letters else text[: most_letters - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
 def of_map(deviation_map: DeviationMap) -> Rows:
@@ -175,6 +194,8 @@ def of_correction(correction: Correction) -> Rows:
             f"{len(c.x_mm)} x {len(c.y_mm)} nodes, {n_extended} of {known.size} continued from neighbours",
         ),
         *_left_out(c),
+        *seat_rows(c.seat),
+        *gate_rows(c.gate),
     ]
 
 
@@ -226,6 +247,7 @@ def details_of_correction(correction: Correction) -> Rows:
     return [
         ("sum of all passes", f"{extreme(low)} to {extreme(high)}, relative to the nominal"),
         *_sizes(c),
+        *gate_details(c.gate),
         ("maps before this", str(len(c.applied_maps))),
         ("spacing", f"{as_length(float(c.x_mm[1] - c.x_mm[0]))} x {as_length(float(c.y_mm[1] - c.y_mm[0]))}"),
         ("highest after", f"{extreme(c.predicted.max_mm)} at {at_place(c.predicted.max_at_mm)}"),

@@ -54,6 +54,14 @@ def as_percent(share: float) -> str:
     return f"{percent:.1f} %" if 99.0 <= percent < 99.95 else f"{percent:.0f} %"
 
 
+def as_chance(probability: float) -> str:
+    """Return a probability in percent that says neither never nor always."""
+    percent = 100.0 * probability
+    if percent < 0.1:
+        return "< 0.1 %"
+    return "> 99.9 %" if percent > 99.9 else f"{percent:.1f} %"
+
+
 def signed(value: float, digits: int = 3) -> str:
     """Return a number with its sign; zero has none."""
     text = f"{abs(value):.{digits}f}"

@@ -7,9 +7,9 @@ across it:
 - A stylus radius entered too small by d puts every contact point d too high: ``e = d``. A wheel larger than
   the control believes by d takes off d too much: ``e = -d``. So the value of both is what to add to the
   setting, and no measurement of one part tells one from the other.
-- A wheel that runs further from the axis of rotation than the control believes leaves ``e = d n . rho /
-  |rho|`` (the "ogive"). Wear over a spiral path, whose length grows with rho^2: ``e = d (rho /
-  rho_max)^2``.
+- A wheel that runs too far from the axis of rotation by d leaves ``e = d n . rho / |rho|`` (the "ogive");
+  the value is -d, how much further out to move it. Wear over a spiral path, whose length grows with
+  rho^2: ``e = d (rho / rho_max)^2``.
 - A scale of the part, ``e = s p . n``, or of one of its axes, ``e = s x n_x``; axes out of square by g: ``e
   = g y n_x`` (or ``g x n_y``, which is the same beyond a rotation). The grinding machine makes them along
   the axes of the part, the measuring machine along its own, at the tip centre.
@@ -140,7 +140,7 @@ def signatures(
             "wheel offset",
             -ogive / UM_PER_MM,
             UM,
-            "+ = add to the distance from the axis that the control knows",
+            "+ = move the wheel that much further from the axis",
         ),
         _single(
             "wheel wear over a spiral",

@@ -18,10 +18,12 @@ from cmm_align.model import Alignment, DeviationMap
 from cmm_align.numerics.aperture_basis import node_widths
 from cmm_align.numerics.handed_noise import handed_noise
 from cmm_align.numerics.local_regression import local_regression
-from cmm_align.stages.error_map import _normal_z, _with_machine
+from cmm_align.stages.error_map import told_at, u_of_nodes
 from cmm_align.stages.map_grid import Places, axis_over, places_of, step_of
-from cmm_align.surfaces.geometry import unit_normal
+from cmm_align.stages.map_nodes import pose_rows
+from cmm_align.stages.report_region import reported_in
 from cmm_align.surfaces.protocol import Array, Mask
+from cmm_align.surfaces.region import region_from_text
 from cmm_align.units import UM_PER_MM
 
 COARSER: Final = 1.25
@@ -72,13 +74,17 @@ def on_common_grid(after: DeviationMap, before: Alignment, config: ErrorMapConfi
     after : DeviationMap
         The later one; its grid is taken unless the earlier one is coarser.
     before : Alignment
+        Within the report region of the later one: windows on its border are then one-sided in both.
     config : ErrorMapConfig
         Its window is used for both.
     """
+    region = after.alignment.report.report_region_text
+    if region:
+        before = reported_in(before, region_from_text(region, before.nominal.surface))
     places = places_of(after.alignment), places_of(before)
     axes = _common_axes(after, places, config)
     x_grid, y_grid = np.meshgrid(*axes)
-    _, inside = _normal_z(after.alignment, x_grid, y_grid)
+    inside = told_at(after.alignment, x_grid.ravel(), y_grid.ravel()).reshape(x_grid.shape)
     late = _side(after.alignment, places[0], axes, config)
     early = _side(before, places[1], axes, config)
     of_late = inside & np.isfinite(late.deviation_mm)
@@ -112,7 +118,7 @@ def u_rms(pair: Pair, side: Side) -> float:
         return float(added**0.5)
     noise = float(np.mean((w * e) ** 2 * side.handed_mm2[pair.known])) / (len(e) * rms**2)
     x, y = (grid[pair.known] for grid in np.meshgrid(pair.x_mm, pair.y_mm))
-    gradient = (w * e) @ _motion_rows(side.alignment, x, y) / (len(e) * rms)
+    gradient = (w * e) @ pose_rows(side.alignment.nominal, side.alignment.centroid_mm, x, y) / (len(e) * rms)
     pose = max(float(gradient @ _covariance(side.alignment) @ gradient), 0.0)
     simulated = side.alignment.report.monte_carlo
     machine = 0.0 if simulated is None else simulated.rms.std_um / UM_PER_MM
@@ -135,14 +141,15 @@ def _side(alignment: Alignment, places: Places, axes: tuple[Array, Array], confi
     x, y, deviation, _ = places
     fit = local_regression(x, y, deviation, *axes, half_width=config.window)
     known = np.isfinite(fit.value)
-    sigma = _with_machine(alignment, places, fit, axes, config)
+    sigma = u_of_nodes(alignment, places, fit, axes, config)
     noise = fit.sigma if alignment.report.monte_carlo is not None else sigma
     raised = noise[known] / np.where(fit.sigma[known] > 0.0, fit.sigma[known], np.inf)
     lift = (
         float(np.median(raised)) if raised.size else 1.0
     )  # where uncertainties are stated, larger than seen
     handed = handed_noise(fit, known, half_width=config.window) * lift**2
-    rows = _motion_rows(alignment, *(grid.ravel() for grid in np.meshgrid(*axes)))
+    places_x, places_y = (grid.ravel() for grid in np.meshgrid(*axes))
+    rows = pose_rows(alignment.nominal, alignment.centroid_mm, places_x, places_y)
     pose = np.einsum("ni,ij,nj->n", rows, _covariance(alignment), rows).reshape(known.shape)
     cells = (2 * max(1, int(config.window)) + 1) ** 2
     spare = max(len(x) - 6.0 * np.count_nonzero(known) / cells, 1.0)
@@ -167,16 +174,6 @@ def _masked(side: Side, known: Mask) -> Side:
         pose_mm2=np.where(known, side.pose_mm2, np.nan),
         freedom=np.where(known, side.freedom, np.nan),
     )
-
-
-def _motion_rows(alignment: Alignment, x: Array, y: Array) -> Array:
-    """Return what small motions about the centroid of the points change at places (x, y), shape (n, 6)."""
-    nominal = alignment.nominal
-    jet = nominal.surface.jet(x, y)
-    back = nominal.surface_from_part.inverse()
-    normals = back.rotate(unit_normal(jet, nominal.side))
-    tip = back.apply(np.stack([x, y, jet.z], axis=1)) + nominal.tip_radius_mm * normals
-    return np.hstack([np.cross(tip - alignment.centroid_mm, normals), normals])
 
 
 def _covariance(alignment: Alignment) -> Array:

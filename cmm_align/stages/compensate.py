@@ -22,7 +22,7 @@ import numpy as np
 
 from cmm_align.config import CompensateConfig
 from cmm_align.errors import UsageError, WrongStageError
-from cmm_align.model import Correction, CorrectionStatus, DeviationMap, frozen_array
+from cmm_align.model import Correction, CorrectionStatus, DeviationMap, LearnedTransfer, frozen_array
 from cmm_align.stages.correction_filter import (
     MAX_GAIN,
     correction_band,
@@ -33,7 +33,9 @@ from cmm_align.stages.correction_grid import carried_on, commanded_surface, tota
 from cmm_align.stages.correction_limits import checked_limits
 from cmm_align.stages.correction_reach import completed, region_mask, taper_width_mm, too_few_points
 from cmm_align.stages.deviation_statistics import deviation_statistics
-from cmm_align.stages.map_noise import judged_points, map_noise, step_of
+from cmm_align.stages.learned_transfer import process_of
+from cmm_align.stages.map_grid import places_of
+from cmm_align.stages.map_noise import map_noise, step_of
 from cmm_align.stages.pass_prediction import pass_prediction, worth
 from cmm_align.stages.previous_pass import check_chain, pass_response
 from cmm_align.stages.process_transfer import process_transfer
@@ -58,6 +60,7 @@ def compensate(
     deviation_map: DeviationMap,
     config: CompensateConfig = DEFAULTS,
     previous: Correction | None = None,
+    learned: LearnedTransfer | None = None,
 ) -> Correction:
     """Return the correction of a map and the surface to command next.
 
@@ -69,6 +72,9 @@ def compensate(
         Gain, filter, region, limits, and what is known of the process.
     previous : Correction, optional
         What was commanded in the last pass; without it, the nominal was.
+    learned : LearnedTransfer, optional
+        What a ledger knows of the process: the gain of each band is divided by it. A transfer in `config`
+        goes before it.
 
     Returns
     -------
@@ -94,11 +100,13 @@ def compensate(
     digest = map_digest(m)
     check_chain(m, digest, previous)
     transfer = process_transfer(config.transfer, config.u_transfer)
+    learned = None if transfer.known else learned
+    transfer = transfer if learned is None else process_of(learned)
     region = region_from_text(config.region, nominal.surface, "--region") if config.region else None
 
-    points = judged_points(m)
+    points = places_of(m.alignment)
     noise = map_noise(m, points)
-    band = correction_band(m, noise, config, transfer)
+    band = correction_band(m, noise, config, transfer, learned)
     x_mm, y_mm, here = carried_on(m)
     deviation = _placed(m.deviation_mm, here, (len(y_mm), len(x_mm)))
     response = pass_response(deviation, x_mm, y_mm, noise, config, previous)

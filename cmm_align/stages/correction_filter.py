@@ -26,7 +26,7 @@ from typing import Final
 import numpy as np
 
 from cmm_align.config import CompensateConfig
-from cmm_align.model import CorrectionBand, DeviationMap, ProcessTransfer
+from cmm_align.model import CorrectionBand, DeviationMap, LearnedTransfer, ProcessTransfer
 from cmm_align.numerics.areal_filter import (
     SPACINGS_PER_CUTOFF,
     cutoff_limits_mm,
@@ -35,6 +35,7 @@ from cmm_align.numerics.areal_filter import (
 )
 from cmm_align.numerics.spectral_density import RadialPsd
 from cmm_align.numerics.wiener_gain import noise_wavelength_mm, regression_mixture, wiener_share
+from cmm_align.stages.learned_transfer import gain_of, gains_at, stepped_gain
 from cmm_align.stages.map_noise import MapNoise, step_of
 from cmm_align.stages.repeatability import repeatability_psd_mm4
 from cmm_align.surfaces.geometry import principal_curvatures
@@ -56,7 +57,11 @@ _WORDS: Final = {
 
 
 def correction_band(
-    deviation_map: DeviationMap, noise: MapNoise, config: CompensateConfig, transfer: ProcessTransfer
+    deviation_map: DeviationMap,
+    noise: MapNoise,
+    config: CompensateConfig,
+    transfer: ProcessTransfer,
+    learned: LearnedTransfer | None = None,
 ) -> CorrectionBand:
     """Return which waves of a map are to be corrected, by how much, and what allows no shorter ones.
 
@@ -67,6 +72,8 @@ def correction_band(
     config : CompensateConfig
         Gain, rule, low-pass and wheel.
     transfer : ProcessTransfer
+    learned : LearnedTransfer, optional
+        From a ledger: the gain of each band is divided by it, whatever the rule.
     """
     m = deviation_map
     wiener = config.gain_rule == "wiener"
@@ -86,11 +93,16 @@ def correction_band(
         chance = repeatability_psd_mm4(config, m.alignment.nominal.surface.bounds, noise.psd)
         share = np.minimum(wiener_share(noise.psd, chance), np.exp(-log(2.0) * (frequency * low_pass) ** 4))
         wanted = np.minimum(share / transfer.at(frequency) if transfer.known else share, MAX_GAIN)
+        if learned is not None:
+            wanted = share * gains_at(learned, frequency)
         cutoffs = np.geomspace(low_pass, longest, max(round(log(longest / low_pass) / log(RATIO)), 1) + 1)
         shares = regression_mixture(noise.psd, wanted, cutoffs)
         cutoffs, shares = cutoffs[shares > 0.0], shares[shares > 0.0]
+    elif learned is not None:
+        cutoffs, shares = stepped_gain(learned, config.gain, low_pass, longest)
+    most = max(MAX_GAIN, config.gain) * (1.0 if learned is None else max(map(gain_of, learned.bands)))
     curves = [s * gaussian_transmission(1.0 / frequency, c) for c, s in zip(cutoffs, shares, strict=True)]
-    gain = np.minimum(np.sum(curves, axis=0), max(MAX_GAIN, config.gain)) if curves else 0.0 * frequency
+    gain = np.minimum(np.sum(curves, axis=0), most) if curves else 0.0 * frequency
     lead = "gain by frequency (Wiener), waves" if wiener else "waves"
     return CorrectionBand(
         low_pass_mm=low_pass,

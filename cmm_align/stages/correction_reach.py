@@ -19,7 +19,8 @@ from cmm_align.config import CompensateConfig
 from cmm_align.errors import InputError
 from cmm_align.model import CorrectionStatus, DeviationMap
 from cmm_align.numerics.smooth_extension import extended
-from cmm_align.stages.map_noise import JudgedPoints, step_of
+from cmm_align.stages.map_grid import Places
+from cmm_align.stages.map_noise import step_of
 from cmm_align.surfaces.protocol import Array, Mask
 from cmm_align.surfaces.region import Region
 from cmm_align.units import MRAD_PER_RAD, UM_PER_MM
@@ -39,13 +40,13 @@ class Reach(NamedTuple):
     taper_mm: float
 
 
-def too_few_points(deviation_map: DeviationMap, points: JudgedPoints, low_pass_mm: float, least: int) -> Mask:
+def too_few_points(deviation_map: DeviationMap, points: Places, low_pass_mm: float, least: int) -> Mask:
     """Return the nodes of a map whose cell holds fewer points than asked for, shape (ny, nx).
 
     Parameters
     ----------
     deviation_map : DeviationMap
-    points : JudgedPoints
+    points : Places
     low_pass_mm : float
         Shortest corrected wave: half of it is the side of a cell.
     least : int

@@ -98,7 +98,7 @@ def error_map(
     x_grid, y_grid = np.meshgrid(x_mm, y_mm)
     n_z, inside = _normal_z(alignment, x_grid, y_grid)
     deviation = np.where(inside, fit.value, np.nan)
-    sigma = np.where(inside, _with_machine(alignment, places, fit, (x_mm, y_mm), config), np.nan)
+    sigma = np.where(inside, u_of_nodes(alignment, places, fit, (x_mm, y_mm), config), np.nan)
     if not np.isfinite(deviation).any():
         raise GeometryError(
             f"{len(places.x_mm)} points determine no node of a map with {spacing_mm:.3g} mm spacing",
@@ -177,11 +177,17 @@ def _normal_z(alignment: Alignment, x_grid: Array, y_grid: Array) -> tuple[Array
     """Return n_z (with the sign of the side) at the nodes, and whether they lie where the map is told."""
     x, y, nominal = x_grid.ravel(), y_grid.ravel(), alignment.nominal
     n_z = unit_normal(nominal.surface.jet(x, y), nominal.side)[:, 2]
-    return n_z.reshape(x_grid.shape), _told(alignment, x, y).reshape(x_grid.shape)
+    return n_z.reshape(x_grid.shape), told_at(alignment, x, y).reshape(x_grid.shape)
 
 
-def _told(alignment: Alignment, x_mm: Array, y_mm: Array) -> Mask:
-    """Return which places lie on the nominal, and in the report region where there is one."""
+def told_at(alignment: Alignment, x_mm: Array, y_mm: Array) -> Mask:
+    """Return which places lie on the nominal, and in the report region where there is one.
+
+    Parameters
+    ----------
+    alignment : Alignment
+    x_mm, y_mm : ndarray, shape (n,), mm, frame `surface`
+    """
     surface, region = alignment.nominal.surface, alignment.report.report_region_text
     inside = surface.contains(x_mm, y_mm)
     if region:
@@ -192,30 +198,50 @@ def _told(alignment: Alignment, x_mm: Array, y_mm: Array) -> Mask:
 def _common(
     alignment: Alignment, places: Places, nodes: MapNodes, config: ErrorMapConfig
 ) -> tuple[float, float]:
-    """Return the simulated uncertainty of RMS and PV, mm: what touches have in common; else 0.
+    """Return the uncertainty of RMS and PV, mm, beyond what the scatter of the points shows.
 
-    For another region than was simulated it is a bound: ``u(RMS) <= mean(|e| sigma) / RMS`` and ``u(PV) <=
-    sigma_max + sigma_min``, as if the errors of all points went together.
+    Of a Monte Carlo as it found them. For another region than was simulated it is a bound: ``u(RMS) <=
+    mean(|e| sigma) / RMS`` and ``u(PV) <= sigma_max + sigma_min``, as if the errors of all points went
+    together. Without one, what stated uncertainties of points are larger than their scatter, as independent.
     """
     simulated = alignment.report.monte_carlo
-    if simulated is None or alignment.sigma_mm is None:
+    if alignment.sigma_mm is None:
         return 0.0, 0.0
+    ends = nodes.machine_mm[[int(np.argmin(nodes.deviation_mm)), int(np.argmax(nodes.deviation_mm))]]
+    if simulated is None:
+        seen = nodes.rms(nodes.sigma_mm)
+        beyond = nodes.rms(nodes.machine_mm) / seen if seen > 0.0 else 0.0
+        return beyond * nodes.noise_of_rms(nodes.deviation_mm), float(np.hypot(*ends))
     if not config.report_region:
         return simulated.rms.std_um / UM_PER_MM, simulated.pv.std_um / UM_PER_MM
     e = places.deviation_mm
     rms = float(np.sqrt(np.mean(e**2)))
     at_most = float(np.mean(np.abs(e) * alignment.sigma_mm[places.rows])) / rms if rms > 0.0 else 0.0
-    ends = int(np.argmin(nodes.deviation_mm)), int(np.argmax(nodes.deviation_mm))
-    return at_most, float(nodes.machine_mm[list(ends)].sum())
+    return at_most, float(ends.sum())
 
 
-def _with_machine(
+def u_of_nodes(
     alignment: Alignment, places: Places, fit: LocalFit, axes: tuple[Array, Array], config: ErrorMapConfig
 ) -> Array:
     """Return the standard uncertainty of the nodes, mm: of the scatter, and what the points say beyond it.
 
     Stated uncertainties of single points are independent and average as the scatter does, so the larger of
     the two counts. Simulated ones hold what neighbours have in common and do not average: they come on top.
+
+    Parameters
+    ----------
+    alignment : Alignment
+    places : Places
+        Its points that count.
+    fit : LocalFit
+        What gave the nodes.
+    axes : pair of ndarray, shape (nx,) and (ny,), mm, frame `surface`
+    config : ErrorMapConfig
+        Its window.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx), mm
     """
     if alignment.sigma_mm is None:
         return fit.sigma
@@ -249,7 +275,7 @@ def _coverage(alignment: Alignment, x_mm: Array, y_mm: Array, known: Mask) -> fl
     x = np.linspace(b.x_min, b.x_max, _COVERAGE_NODES)
     y = np.linspace(b.y_min, b.y_max, _COVERAGE_NODES)
     px, py = (a.ravel() for a in np.meshgrid(x, y))
-    inside = _told(alignment, px, py)
+    inside = told_at(alignment, px, py)
     u = (px - x_mm[0]) / (x_mm[1] - x_mm[0])
     v = (py - y_mm[0]) / (y_mm[1] - y_mm[0])
     near = np.zeros(len(px), dtype=bool)

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cmm_align.model import Alignment
+from cmm_align.model import Alignment, Nominal
 from cmm_align.numerics.linearisation import even_sample
 from cmm_align.numerics.local_regression import LocalFit
 from cmm_align.surfaces.geometry import unit_normal
@@ -27,7 +27,8 @@ class MapNodes(NamedTuple):
     sigma_mm: Array
     """Standard uncertainty from the scatter of the points."""
     machine_mm: Array
-    """Standard uncertainty from what touches have in common, where it was simulated; else 0."""
+    """Standard uncertainty beyond that: what touches have in common where it was simulated, or what stated
+    uncertainties are larger than the scatter; else 0."""
     handed_mm2: Array
     """What the noise of the points hands to a sum of nodes: `handed_noise`."""
     known: Mask
@@ -99,23 +100,24 @@ def map_nodes(
     )
 
 
-def pose_rows(alignment: Alignment, x_mm: Array, y_mm: Array) -> Array:
+def pose_rows(nominal: Nominal, centroid_mm: Array, x_mm: Array, y_mm: Array) -> Array:
     """Return how small motions change deviations: ``[(p - c) x n, n]``, shape (k, 6), frame `part`.
 
     Parameters
     ----------
-    alignment : Alignment
+    nominal : Nominal
+    centroid_mm : ndarray, shape (3,), mm, frame `part`
+        What the motions turn about: `Alignment.centroid_mm`.
     x_mm, y_mm : ndarray, shape (k,), mm, frame `surface`
     """
-    nominal = alignment.nominal
     jet = nominal.surface.jet(x_mm, y_mm)
     back = nominal.surface_from_part.inverse()
     normals = back.rotate(unit_normal(jet, nominal.side))
-    arms = back.apply(np.stack([x_mm, y_mm, jet.z], axis=1)) - alignment.centroid_mm
+    arms = back.apply(np.stack([x_mm, y_mm, jet.z], axis=1)) - centroid_mm
     return np.hstack([np.cross(arms, normals), normals])
 
 
-def noise_of_pose(alignment: Alignment, noise_mm: float) -> Array:
+def noise_of_pose(alignment: Alignment, centroid_mm: Array, noise_mm: float) -> Array:
     """Return the part of the covariance of the pose that noise of the points makes, shape (6, 6), rad and mm.
 
     Parameters
@@ -123,6 +125,8 @@ def noise_of_pose(alignment: Alignment, noise_mm: float) -> Array:
     alignment : Alignment
         Its covariance tells where the part is: it is raised where form error lets neighbours err alike. The
         form that is left after a best fit does not depend on that; what moves it is noise.
+    centroid_mm : ndarray, shape (3,), mm, frame `part`
+        Of its tip centres.
     noise_mm : float
         Of a single point.
 
@@ -137,7 +141,7 @@ def noise_of_pose(alignment: Alignment, noise_mm: float) -> Array:
         return whole
     at = used[even_sample(len(used), POSE_SAMPLE)]
     normals = alignment.normals[at]
-    rows = np.hstack([np.cross(alignment.tip_centre_part_mm[at] - alignment.centroid_mm, normals), normals])
+    rows = np.hstack([np.cross(alignment.tip_centre_part_mm[at] - centroid_mm, normals), normals])
     told = float(np.trace(whole @ (rows.T @ rows))) * len(used) / len(at)
     rank = int(np.linalg.matrix_rank(whole)) if told > 0.0 else 0
     if rank == 0:

@@ -19,19 +19,11 @@ from cmm_align.model import DeviationMap
 from cmm_align.numerics.areal_filter import spacings
 from cmm_align.numerics.grid_field import interpolated
 from cmm_align.numerics.spectral_density import RadialPsd, radial_psd
+from cmm_align.stages.map_grid import Places
 from cmm_align.surfaces.protocol import Array
 
 LEVERAGE: Final = 3.5 / 9.0
 """Share of a point in the node at its place, times the points to a cell."""
-
-
-@dataclass(frozen=True, slots=True)
-class JudgedPoints:
-    """The points behind a map at their foot points, each of shape (n,), frame `surface`."""
-
-    x_mm: Array
-    y_mm: Array
-    deviation_mm: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +48,7 @@ class MapNoise:
     psd: RadialPsd
 
 
-def judged_points(deviation_map: DeviationMap) -> JudgedPoints:
-    """Return the points whose deviation counts."""
-    alignment = deviation_map.alignment
-    judged = alignment.judged & np.isfinite(alignment.deviation_mm)
-    e = alignment.deviation_mm[judged]
-    foot_part = alignment.contact_part_mm[judged] - e[:, None] * alignment.normals[judged]
-    x, y, _ = alignment.nominal.surface_from_part.apply(foot_part).T
-    return JudgedPoints(x, y, e)
-
-
-def map_noise(deviation_map: DeviationMap, points: JudgedPoints) -> MapNoise:
+def map_noise(deviation_map: DeviationMap, points: Places) -> MapNoise:
     """Return the noise of a map, from the scatter of its points about it.
 
     Raises

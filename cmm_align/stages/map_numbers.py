@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from cmm_align.model import Alignment, MadeBy, MapFilter, MapNumbers
+from cmm_align.numerics.linearisation import even_sample
 from cmm_align.stages.irregularity import irregularity
 from cmm_align.stages.map_nodes import MapNodes, pose_rows, pose_share
 from cmm_align.stages.noise_shares import SAMPLE, Measured, Shares
@@ -16,6 +17,8 @@ from cmm_align.units import UM_PER_MM
 
 PERCENTAGES: Final = (0.1, 0.2, 2.5, 16.0, 50.0, 84.0, 97.5, 99.8, 99.9)
 NOT_IN_U: Final = "errors of the machine that touches have in common (align --monte-carlo tells them)"
+NOT_IN_SHAPES: Final = "what touches have in common, in slope errors and in ISO 10110-5"
+"""After a Monte Carlo: it says how far places err together, not how their differences do."""
 
 Band = tuple[Array | float, Array | float]
 """Lower and upper limit, mm: one for all, or one for each of N points."""
@@ -45,7 +48,9 @@ def map_numbers(
     um = UM_PER_MM
     ranked = _percentiles(nodes)
     even = np.ones_like(nodes.weight)
-    u_mean = np.hypot(nodes.noise_of_mean(even), pose_share(m.pose_covariance, _mean_row(m.alignment, nodes)))
+    of_pose = pose_share(m.pose_covariance, _mean_row(m))
+    of_machine = nodes.mean(nodes.machine_mm)  # a bound: as if all places erred together
+    u_mean = np.linalg.norm((nodes.noise_of_mean(even), of_pose, of_machine))
     points_in, area_in = _shares(m, band_mm)
     return MapNumbers(
         n_nodes=s.n,
@@ -95,10 +100,10 @@ def _percentiles(nodes: MapNodes) -> list[float]:
     return [float(v) for v in np.interp(at, below, nodes.deviation_mm[order])]
 
 
-def _mean_row(alignment: Alignment, nodes: MapNodes) -> Array:
+def _mean_row(m: Measured) -> Array:
     """Return the change of the mean deviation with the pose, shape (6,)."""
-    stride = max(1, len(nodes.x_mm) // SAMPLE)
-    rows = pose_rows(alignment, nodes.x_mm[::stride], nodes.y_mm[::stride])
+    at = even_sample(len(m.nodes.x_mm), SAMPLE)
+    rows = pose_rows(m.alignment.nominal, m.centroid_mm, m.nodes.x_mm[at], m.nodes.y_mm[at])
     return np.asarray(rows.mean(axis=0), dtype=np.float64)
 
 
@@ -141,5 +146,5 @@ def _made_by(alignment: Alignment, used_filter: MapFilter | None) -> MadeBy:
         report_region=report.report_region,
         n_outliers=report.n_outliers,
         n_left_out=int(np.count_nonzero(~alignment.judged)),
-        not_in_u="" if report.monte_carlo is not None else NOT_IN_U,
+        not_in_u=NOT_IN_U if report.monte_carlo is None else NOT_IN_SHAPES,
     )

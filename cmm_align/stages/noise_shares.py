@@ -31,16 +31,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cmm_align.model import Alignment, Statistics
+from cmm_align.model import Alignment, IntArray, Statistics
 from cmm_align.numerics.extreme_value import Extreme, largest_excess
 from cmm_align.numerics.grid_field import interpolated, smoothed
 from cmm_align.numerics.linearisation import even_sample
 from cmm_align.numerics.local_regression import LocalFit
-from cmm_align.numerics.point_noise import MEDIAN_CHI2, MEDIAN_SPREAD, neighbour_noise
+from cmm_align.numerics.point_noise import MEDIAN_CHI2, MEDIAN_SPREAD, near_sample, neighbour_noise
 from cmm_align.stages.map_nodes import MapNodes, noise_of_pose, pose_rows, pose_share
 from cmm_align.surfaces.protocol import Array, Mask
 
-SAMPLE: Final = 50_000
+SAMPLE: Final = 20_000
 """Points whose residuals are taken."""
 SEEN: Final = 2.0
 """Standard uncertainties from which on single points show something that the map does not."""
@@ -78,10 +78,13 @@ class Measured(NamedTuple):
     inside: Mask
     """Nodes on the nominal, shape (ny, nx)."""
     common_mm: tuple[float, float] = (0.0, 0.0)
-    """Standard uncertainty of RMS and PV from what touches have in common by the machine's statement."""
+    """Standard uncertainty of RMS and PV from what touches have in common by the machine's statement, or from
+    uncertainties of points that are stated larger than their scatter."""
     noise: PointNoise = PointNoise(0.0, 0.0, 0.0)
     form_mm: Array = np.zeros((1, 1))
     """The map freed of noise as far as may be, shape (ny, nx): what noise is added to."""
+    centroid_mm: Array = np.zeros(3)
+    """Of the tip centres, frame `part`: what the pose turns about."""
     pose_covariance: Array = np.zeros((6, 6))
     """Of the pose, from noise, shape (6, 6), rad and mm."""
 
@@ -107,14 +110,17 @@ class Shares(NamedTuple):
 
 def with_noise(m: Measured) -> Measured:
     """Return the same with the noise of its points told, and what that noise does to the pose."""
-    told = _of_points(m)
+    smooth_mm = smoothed(m.fit.value if m.filtered else m.deviation_mm)
+    told = _of_points(m, smooth_mm)
     square = m.statistics.rms_mm**2
     kept = 0.0 if m.filtered else m.nodes.mean(m.nodes.sigma_mm**2)
     shrunk = float(np.sqrt(max(1.0 - kept / square, 0.0))) if square > 0.0 else 1.0
+    centroid = m.alignment.centroid_mm
     return m._replace(
         noise=told,
-        form_mm=shrunk * smoothed(m.deviation_mm),
-        pose_covariance=noise_of_pose(m.alignment, told.sd),
+        centroid_mm=centroid,
+        form_mm=shrunk * (smoothed(m.deviation_mm) if m.filtered else smooth_mm),
+        pose_covariance=noise_of_pose(m.alignment, centroid, told.sd),
     )
 
 
@@ -131,7 +137,9 @@ def noise_shares(m: Measured) -> Shares:
     u_rms_machine, u_pv_machine = m.common_mm
     ends = [_end(m, s, sign) for sign in (1.0, -1.0)]
     beside = [_single(m, sign) for sign in (1.0, -1.0)]
-    rows = pose_rows(m.alignment, *(np.array(v) for v in zip(s.max_at_mm, s.min_at_mm, strict=True)))
+    rows = pose_rows(
+        m.alignment.nominal, m.centroid_mm, *(np.array(v) for v in zip(s.max_at_mm, s.min_at_mm, strict=True))
+    )
     u_pose = pose_share(m.pose_covariance, rows[0] - rows[1])
     pv = _worse(
         Told(s.pv_mm, ends[0].value + ends[1].value, _joined(ends[0].u, ends[1].u)),
@@ -167,34 +175,34 @@ def _worse(nodes: Told, points: Told, *, filtered: bool) -> Told:
     return Told(max(nodes.measured, points.measured), taken.value, taken.u)
 
 
-def residuals(m: Measured, most: int = SAMPLE) -> tuple[Array, Array, Array]:
-    """Return places and residuals from the map of at most so many points; where it is known.
-
-    Returns
-    -------
-    x_mm, y_mm, residual_mm : ndarray, shape (k,)
-    """
-    field = m.fit.value if m.filtered else m.deviation_mm  # single points are never filtered
-    at = even_sample(len(m.x_mm), most)
+def _residuals(m: Measured, field: Array, at: IntArray) -> tuple[Array, Array, Array]:
+    """Return x, y and residuals from a field, of the points `at` where it is known, each of shape (k,)."""
     r = m.points_mm[at] - interpolated(*m.axes_mm, field, m.x_mm[at], m.y_mm[at])
     known = np.isfinite(r)
     return m.x_mm[at][known], m.y_mm[at][known], r[known]
 
 
-def _of_points(m: Measured) -> PointNoise:
-    """Return the noise of a point, and what single points show beyond map and noise."""
-    x, y, r = residuals(m)
-    told = neighbour_noise(x, y, r)
+def _of_points(m: Measured, smooth_mm: Array) -> PointNoise:
+    """Return the noise of a point, and what single points show beyond map and noise.
+
+    Neighbours are freed of the form by a smoothed map: the map itself follows the noise of its few points,
+    and residuals from it are too small. Noise is at most the scatter.
+    """
+    told = neighbour_noise(*_residuals(m, smooth_mm, near_sample(m.x_mm, m.y_mm)))
     scatter = float(np.nan_to_num(m.fit.scatter))
+    own = m.fit.value if m.filtered else m.deviation_mm  # single points are never filtered
+    r = _residuals(m, own, even_sample(len(m.x_mm), SAMPLE))[2]
     if not np.isfinite(told.sd) or len(r) == 0:
         return PointNoise(scatter, 0.0, scatter**2)
     middle = float(np.median(r**2))
     tails = max(1.0, float(np.mean(r**2)) * MEDIAN_CHI2 / middle) if middle > 0.0 else 1.0
     seen = scatter**2 * tails
-    u_noise2 = told.relative_u * told.sd**2
-    beyond = seen - told.sd**2
-    spread = _joined(u_noise2, seen * MEDIAN_SPREAD / float(np.sqrt(len(r))))
-    return PointNoise(told.sd, beyond, spread) if beyond > SEEN * spread else PointNoise(told.sd, 0.0, 0.0)
+    noise2 = min(told.sd, scatter) ** 2
+    spread = _joined(told.relative_u * noise2, seen * MEDIAN_SPREAD / float(np.sqrt(len(r))))
+    beyond = seen - noise2
+    if beyond <= SEEN * spread:
+        return PointNoise(noise2**0.5, 0.0, 0.0)
+    return PointNoise(noise2**0.5, beyond, _joined(spread, 0.5 * beyond))
 
 
 def _rms(m: Measured, u_machine: float) -> Told:
@@ -217,12 +225,12 @@ def _rms(m: Measured, u_machine: float) -> Told:
 
 def _without_border(m: Measured) -> float:
     """Return the standard uncertainty of the RMS from undetermined nodes beside known ones."""
-    from scipy.ndimage import maximum_filter, minimum_filter
-
     known = m.nodes.known
     open_nodes = m.inside & ~known
     if not open_nodes.any():
         return 0.0
+    from scipy.ndimage import maximum_filter, minimum_filter  # slow to import
+
     field = np.where(known, m.deviation_mm, 0.0)
     high, low = maximum_filter(field, 3)[open_nodes], minimum_filter(field, 3)[open_nodes]
     neighbour = np.where(np.abs(high) > np.abs(low), high, low)
@@ -237,7 +245,7 @@ def _without_border(m: Measured) -> float:
 def _rms_gradient(m: Measured) -> Array:
     """Return the change of the RMS with the pose, ``mean(w e J) / RMS``, shape (6,)."""
     at = even_sample(len(m.nodes.x_mm), SAMPLE)
-    rows = pose_rows(m.alignment, m.nodes.x_mm[at], m.nodes.y_mm[at])
+    rows = pose_rows(m.alignment.nominal, m.centroid_mm, m.nodes.x_mm[at], m.nodes.y_mm[at])
     pull = m.nodes.weight[at] * m.nodes.deviation_mm[at]
     return np.asarray(pull @ rows / (len(at) * max(m.statistics.rms_mm, 1e-300)), dtype=np.float64)
 
@@ -300,7 +308,7 @@ def over_band(m: Measured, lower_mm: float, upper_mm: float) -> Told:
         Told(top, top - among_points.added, among_points.sd),
         filtered=m.filtered,
     )
-    row = pose_rows(m.alignment, nodes.x_mm[at : at + 1], nodes.y_mm[at : at + 1])[0]
+    row = pose_rows(m.alignment.nominal, m.centroid_mm, nodes.x_mm[at : at + 1], nodes.y_mm[at : at + 1])[0]
     return told._replace(u=_joined(told.u, pose_share(m.pose_covariance, row), float(nodes.machine_mm[at])))
 
 
@@ -318,6 +326,6 @@ def over_limits(m: Measured, lower_mm: Array, upper_mm: Array) -> Told:
     at = int(np.argmax(over))
     top = float(over[at])
     noisy = largest_excess(form, m.noise.sd, lower_mm, upper_mm)
-    row = pose_rows(m.alignment, m.x_mm[at : at + 1], m.y_mm[at : at + 1])[0]
+    row = pose_rows(m.alignment.nominal, m.centroid_mm, m.x_mm[at : at + 1], m.y_mm[at : at + 1])[0]
     u = _joined(noisy.sd, pose_share(m.pose_covariance, row), float(m.nodes.machine_mm.max()))
     return Told(top, top - noisy.added, u)

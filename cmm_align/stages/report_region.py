@@ -8,11 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmm_align.errors import GeometryError
 from cmm_align.model import Alignment, PointStatus, frozen_array
 from cmm_align.surfaces.protocol import Array
-from cmm_align.surfaces.region import Region
+from cmm_align.surfaces.region import Region, region_from_text
 
 
 def reported_in(alignment: Alignment, region: Region) -> Alignment:
@@ -33,11 +34,7 @@ def reported_in(alignment: Alignment, region: Region) -> Alignment:
     touched = np.flatnonzero(
         np.isin(alignment.status, (PointStatus.USED, PointStatus.APART)) & np.isfinite(alignment.deviation_mm)
     )
-    foot_part = (
-        alignment.contact_part_mm[touched]
-        - alignment.deviation_mm[touched, None] * alignment.normals[touched]
-    )
-    foot = alignment.nominal.surface_from_part.apply(foot_part)
+    foot = _feet(alignment, touched)
     inside = touched[region.contains(foot[:, 0], foot[:, 1])]
     if not len(inside):
         raise GeometryError(
@@ -49,6 +46,24 @@ def reported_in(alignment: Alignment, region: Region) -> Alignment:
     judged[inside] = True
     report = replace(alignment.report, report_region=region.words, report_region_text=region.text)
     return replace(alignment, judged=frozen_array(judged, np.bool_), report=report)
+
+
+def outliers_mm(alignment: Alignment) -> Array:
+    """Return the deviations of the outliers on the nominal, or in its report region, shape (k,), mm."""
+    rows = np.flatnonzero((alignment.status == PointStatus.OUTLIER) & np.isfinite(alignment.deviation_mm))
+    text = alignment.report.report_region_text
+    if text:
+        x, y, _ = _feet(alignment, rows).T
+        rows = rows[region_from_text(text, alignment.nominal.surface).contains(x, y)]
+    return np.asarray(alignment.deviation_mm[rows])
+
+
+def _feet(alignment: Alignment, rows: NDArray[np.intp]) -> Array:
+    """Return the foot points of some points, shape (k, 3), mm, frame `surface`."""
+    e = alignment.deviation_mm[rows, None]
+    return alignment.nominal.surface_from_part.apply(
+        alignment.contact_part_mm[rows] - e * alignment.normals[rows]
+    )
 
 
 def _where_they_are(foot_mm: Array) -> str:

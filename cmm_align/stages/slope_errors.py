@@ -21,6 +21,7 @@ import numpy as np
 from cmm_align.model import SlopeError
 from cmm_align.numerics.extreme_value import largest_excess
 from cmm_align.numerics.grid_field import smoothed
+from cmm_align.numerics.local_regression import reach_of
 from cmm_align.stages.map_nodes import MapNodes
 from cmm_align.stages.noise_shares import Measured
 from cmm_align.surfaces.protocol import Array
@@ -75,9 +76,7 @@ def slope_errors(m: Measured) -> SlopeError | None:
         u_max_mrad=float(np.hypot(largest.sd, turn)) * MRAD_PER_RAD,
         max_at_mm=(float(x[at]), float(y[at])),
         n_left_out=int(np.count_nonzero(~there)),
-        base_mm=2.0 * max(nodes.step_mm)
-        if m.filtered
-        else (2 * max(1, int(m.window)) + 1) * max(nodes.step_mm),
+        base_mm=2.0 * max(nodes.step_mm) if m.filtered else (2 * reach_of(m.window) + 1) * max(nodes.step_mm),
         method=BY_DIFFERENCE if m.filtered else BY_REGRESSION,
     )
 

@@ -57,7 +57,7 @@ class FormError:
         ndarray, shape (n,), mm
         """
         raw = _raw_shape(self.surface.bounds, self.bumps, self.ripple_phase_rad, x_mm, y_mm)
-        return self.scale_mm * (raw - _motion_rows(self.surface, x_mm, y_mm) @ self.rigid)
+        return self.scale_mm * (raw - motion_rows(self.surface, x_mm, y_mm) @ self.rigid)
 
 
 def form_error(surface: Surface, *, pv_mm: float = DEFAULT_PV_MM, seed: int = 1) -> FormError:
@@ -83,7 +83,7 @@ def form_error(surface: Surface, *, pv_mm: float = DEFAULT_PV_MM, seed: int = 1)
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     x, y = _net(surface.bounds)
     raw = _raw_shape(surface.bounds, bumps, phase, x, y)
-    rows = _motion_rows(surface, x, y)
+    rows = motion_rows(surface, x, y)
     rigid = np.asarray(np.linalg.lstsq(rows, raw, rcond=None)[0], dtype=np.float64)
     rest = raw - rows @ rigid
     return FormError(surface, bumps, phase, rigid, pv_mm / float(np.ptp(rest)))
@@ -109,8 +109,14 @@ def _raw_shape(bounds: Bounds, bumps: Array, phase_rad: float, x_mm: Array, y_mm
     return np.asarray(shape, dtype=np.float64)
 
 
-def _motion_rows(surface: Surface, x_mm: Array, y_mm: Array) -> Array:
-    """Return rows ``[p x n, n]`` of shape (n, 6), rotations scaled to the size of the part."""
+def motion_rows(surface: Surface, x_mm: Array, y_mm: Array) -> Array:
+    """Return rows ``[p x n, n]`` of shape (n, 6), rotations scaled to the size of the part.
+
+    Parameters
+    ----------
+    surface : Surface
+    x_mm, y_mm : ndarray, shape (n,), mm
+    """
     jet = surface.jet(x_mm, y_mm)
     normals = unit_normal(jet, _SIDE)
     points = np.column_stack([x_mm, y_mm, jet.z]) / surface.bounds.diagonal_mm

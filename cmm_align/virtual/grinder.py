@@ -24,6 +24,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from cmm_align.surfaces.geometry import unit_normal
 from cmm_align.surfaces.protocol import Array, Bounds, Surface
+from cmm_align.virtual.form_error import motion_rows
 
 Deviation = Callable[[Array, Array], Array]
 
@@ -163,7 +164,7 @@ def _chance(surface: Surface, grinder: Grinder, rng: np.random.Generator) -> Dev
     values = field.filtered(rng.standard_normal(field.shape), np.sqrt(spectrum))  # of variance 1
     on_part = field.on_part
     x, y = (a[on_part.ravel()] for a in field.places)
-    basis, triangle = np.linalg.qr(_motion_rows(surface, x, y))
+    basis, triangle = np.linalg.qr(motion_rows(surface, x, y))
     motion = np.linalg.solve(triangle, basis.T @ values[on_part])
     left = 1.0
     for column in basis.T:
@@ -174,7 +175,7 @@ def _chance(surface: Surface, grinder: Grinder, rng: np.random.Generator) -> Dev
 
     def wander(x_mm: Array, y_mm: Array) -> Array:
         """Return the field at places (x, y)."""
-        raw = smooth(x_mm, y_mm) - _motion_rows(surface, x_mm, y_mm) @ motion
+        raw = smooth(x_mm, y_mm) - motion_rows(surface, x_mm, y_mm) @ motion
         return np.asarray(size * raw, dtype=np.float64)
 
     return wander
@@ -237,11 +238,3 @@ def _along_path(bounds: Bounds, x_mm: Array, y_mm: Array) -> Array:
     u = (x_mm - bounds.x_min) / (bounds.x_max - bounds.x_min)
     lines = 100.0
     return np.asarray((np.floor(v * lines) + u) / lines, dtype=np.float64).clip(0.0, 1.0)
-
-
-def _motion_rows(surface: Surface, x_mm: Array, y_mm: Array) -> Array:
-    """Return rows ``[p x n, n]`` of shape (n, 6), rotations scaled to the size of the part."""
-    jet = surface.jet(x_mm, y_mm)
-    normals = unit_normal(jet, _SIDE)
-    points = np.column_stack([x_mm, y_mm, jet.z]) / surface.bounds.diagonal_mm
-    return np.hstack([np.cross(points, normals), normals])

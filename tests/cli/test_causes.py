@@ -73,7 +73,7 @@ def test_every_cause_is_told_with_its_sign_and_without_one_nothing_warns(alignme
     m = error_map(alignment)
     rows = summary.details_of_map(m)
     text = " ".join(value for _, value in rows)
-    assert "+ = add to the distance from the axis that the control knows" in text
+    assert "+ = move the wheel that much further from the axis" in text
     assert text.isascii()
     plain = error_map(aligned(window(), lambda x, _: 0 * x, PLACES, noise_mm=3e-4))
     assert cautions.of_causes(plain) == []

@@ -169,3 +169,20 @@ def test_a_terminal_gets_the_micro_sign_where_it_can_show_it(encoding: str, sign
     assert for_terminal(text, stream) == f"PV 4.5 {sign}m, rx 3 {sign}rad, um/part.csv"
     stream.tty = False
     assert for_terminal(text, stream) == text
+
+
+def test_the_matrix_library_gets_one_thread_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for given, used in ((None, "1"), ("4", "4")):
+        monkeypatch.setattr(sys, "argv", ["cmm-align", "--version"])
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+        if given is not None:
+            monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
+        before = signal.getsignal(signal.SIGTERM)
+        with pytest.raises(SystemExit):
+            main.run()
+        signal.signal(signal.SIGTERM, before)
+
+        assert os.environ["OPENBLAS_NUM_THREADS"] == used
+    capfd.readouterr()

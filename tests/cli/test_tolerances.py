@@ -95,3 +95,18 @@ def test_a_table_of_limits_is_judged_point_by_point_and_recorded(
     simple = cli(*start, "--tolerance-pv", "1um", "--decision", "simple")
     assert simple.code == 5
     assert "simple acceptance" in simple.out
+    assert "cmm-align compensate" in simple.out
+    numbers = ran.result["numbers"]
+    between = 0.5 * (numbers["points_pv_um"] + numbers["pv_without_noise_um"])
+    open_one = cli(*start, "--tolerance-pv", f"{between}um")
+    assert open_one.code == 6
+    assert "measure again, with more points" in open_one.out  # as on page and card
+    assert "cmm-align compensate" not in open_one.out
+
+
+def test_a_map_of_a_few_nodes_is_warned_of(cli: Cli, made: Path, tmp_path: Path) -> None:
+    ran = cli(
+        "error-map", made / "part.align.h5", "-o", tmp_path / "f.map.h5", "--spacing", "20mm", "--no-picture"
+    )
+
+    assert "form between them is not seen" in ran.err

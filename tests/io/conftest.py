@@ -20,9 +20,13 @@ from cmm_align.model import (
     CorrectionBand,
     CorrectionLimits,
     DeviationMap,
+    DoubtfulTouch,
     Equidistant,
     FitReport,
     FitStep,
+    GateCheck,
+    GatedExport,
+    GateReport,
     Irregularity,
     Judgement,
     LadderRung,
@@ -34,6 +38,7 @@ from cmm_align.model import (
     PassResponse,
     ProcessTransfer,
     RootCauses,
+    Seat,
     SlopeError,
     Statistics,
     Verdict,
@@ -295,6 +300,34 @@ def _correction() -> Correction:
             *np.linspace(1e-3, 1e-2, 10).tolist(), ProcessTransfer((5.0, 20.0), (0.5, 0.9), 0.05, known=True)
         ),
         response=PassResponse(0.9, 0.02, 5e-3, 1e-3, 400, "as told"),
+        seat=Seat(
+            ((1.0, 0.0, 0.0, 5.0), (0.0, 1.0, 0.0, 6.0), (0.0, 0.0, 1.0, 7.0), (0.0, 0.0, 0.0, 1.0)),
+            9,
+            5e-4,
+            None,
+            (51.0, 31.0),
+            ("rotation about z",),
+            1e-4,
+            (DoubtfulTouch(5, 0.05),),
+        ),
+        gate=GateReport(
+            skipped=False,
+            exports=(
+                GatedExport(
+                    "xyz",
+                    480,
+                    (
+                        GateCheck("sign", passed=True, value=1.0, limit=1.0, unit="", words="as meant"),
+                        GateCheck("band", passed=True, value=None, limit=None, unit="", words="not known"),
+                    ),
+                    0.005,
+                    0.02,
+                    0.001,
+                    None,
+                    1e-6,
+                ),
+            ),
+        ),
     )
 
 

@@ -6,9 +6,11 @@ from dataclasses import replace
 import pytest
 from truth_maps import WINDOW, aligned, form_error_mm, random_places
 
+from cmm_align.config import ErrorMapConfig
 from cmm_align.model import Verdict
 from cmm_align.report.card import draw_card
 from cmm_align.report.instruction import instruction
+from cmm_align.report.summary import verdict_of
 from cmm_align.stages.error_map import error_map
 
 POINTS_PER_MM = 72.0 / 25.4
@@ -69,3 +71,39 @@ def test_what_counts_is_legible_from_a_metre(a_map, tmp_path, monkeypatch):
     for text in ("PASS", "Clean and ship", "part", "pass 1"):
         assert cap_mm[text] >= 5.0, text
     assert sum(size >= 30.0 for size in sizes.values()) == 4  # the verdict and three numbers
+
+
+def test_the_one_line_under_the_verdict_is_what_decided_it(a_map, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    texts = []
+    monkeypatch.setattr(Figure, "text", lambda _, x, y, s, **look: texts.append(s))
+    lines = ("PV 26.3 um <= 30 um (u 0.46 um): pass", "RMS 4.5 um > 4 um (u 0.01 um): fail")
+    m = replace(a_map, verdict=Verdict.FAIL, verdict_lines=lines)
+    draw_card(m, tmp_path / "c.pdf", title="part", advice=instruction(m, ""))
+
+    assert any(text.startswith("RMS 4.5") for text in texts)
+
+
+def test_outliers_alone_ask_for_a_clean_part_not_for_more_points(a_map):
+    judged = error_map(a_map.alignment, ErrorMapConfig(tolerance_pv_um=100.0))
+    m = replace(judged, verdict=Verdict.UNDECIDED)
+
+    assert instruction(m, "").order == "Clean, then measure again"
+    assert not any("guard band" in reason for reason in verdict_of(m)[1])
+
+
+def test_it_says_that_the_map_is_filtered_or_of_a_region(a_map, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    texts = []
+    monkeypatch.setattr(Figure, "text", lambda _, x, y, s, **look: texts.append(s))
+    m = error_map(a_map.alignment, ErrorMapConfig(low_pass_mm=30.0, tolerance_pv_um=100.0))
+    draw_card(m, tmp_path / "c.pdf", title="part", advice=instruction(m, ""))
+    assert "filtered: gaussian, low pass 30 mm" in texts
+    assert "of the filtered map" in m.verdict_lines[0]
+
+    texts.clear()
+    m = error_map(a_map.alignment, ErrorMapConfig(report_region="circle:0,0,20"))
+    draw_card(m, tmp_path / "c.pdf", title="part", advice=instruction(m, ""))
+    assert any(text.startswith("only the circle of radius 20 mm") for text in texts)

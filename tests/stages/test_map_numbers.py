@@ -7,6 +7,7 @@ import pytest
 from truth_maps import PLANE, WINDOW, Quadric, aligned, form_error_mm, random_places
 
 from cmm_align.config import ErrorMapConfig
+from cmm_align.model import frozen_array
 from cmm_align.stages.error_map import error_map
 
 DISC = Quadric(half_x=40.0, half_y=40.0, round=True)
@@ -102,6 +103,18 @@ def test_the_share_in_tolerance_counts_points_and_area():
     assert n.band_um == (-5.0, 2.5)
     assert n.area_in_tolerance == pytest.approx(7.5 / 10.2, abs=0.01)
     assert n.points_in_tolerance == pytest.approx(7.5 / 10.2, abs=0.015)
+
+
+def test_uncertainties_stated_larger_than_the_scatter_are_in_every_number():
+    a = aligned(PLANE, form_error_mm, random_places(PLANE, 4000), noise_mm=0.3e-3)
+    stated = replace(a, sigma_mm=frozen_array(np.full(4000, 1.5e-3)))
+    seen, told = error_map(a).numbers, error_map(stated).numbers
+    kept = replace(a, sigma_mm=frozen_array(np.full(4000, 0.1e-3)))
+    assert error_map(kept).numbers == seen  # smaller ones than the scatter are not believed
+    assert told.rms_um == seen.rms_um
+    assert told.u_rms_um > 3.0 * seen.u_rms_um
+    for name in ("u_pv_um", "u_profile_um", "u_mean_um", "u_max_um", "u_min_um"):
+        assert getattr(told, name) > 1.2 * getattr(seen, name), name
 
 
 def test_the_numbers_tell_what_made_them():

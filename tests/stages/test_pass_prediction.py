@@ -64,4 +64,4 @@ def test_parts_of_the_mean_square_add_up():
     assert 0.05 * p.noise_mm < scatter < 0.5 * p.noise_mm
     more = compensate(m, CompensateConfig(transfer="0.9", u_transfer=0.0, repeatability_um=1.0)).prediction
     chased = (more.rms_mm**2 - p.rms_mm**2) / (2.0 * 0.9 * 1e-6)
-    assert 0.95 < chased < 1.0  # all of it but what the low-pass holds back
+    assert 0.9 < chased < 1.0  # all of it but what the low-pass holds back of waves under two cutoffs

@@ -8,6 +8,7 @@ from truth_maps import PLANE, aligned, form_error_mm, random_places
 
 from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import UsageError
+from cmm_align.model import PointStatus, frozen_array
 from cmm_align.stages.error_map import error_map
 from cmm_align.stages.verdict import probability_below
 
@@ -76,6 +77,15 @@ def test_a_band_is_judged_at_its_nearer_side_and_as_a_table_point_by_point():
     assert "exceeded by 10 um" in one_out.verdict_lines[0]
 
 
+def test_a_verdict_says_what_a_slope_or_a_filter_does_not_reach():
+    s = N.slope
+    (line,) = judged(tolerance_slope_mrad=9.0).verdict_lines
+    assert f"over {s.base_mm:.2g} mm, without {s.n_left_out} nodes on the border" in line
+    e = PART.deviation_mm
+    (line,) = judged((e - 0.005, e + 0.005), low_pass_mm=20.0).verdict_lines
+    assert line.startswith("band of each point, which no filter touches, kept")
+
+
 def test_several_tolerances_make_the_worst_verdict_and_a_bound_of_the_probability():
     m = judged(tolerance_pv_um=100.0, tolerance_rms_um=PLAIN.numbers.rms_without_noise_um)
     pv, rms = m.conformance.judgements
@@ -94,6 +104,42 @@ def test_what_was_not_measured_cannot_pass():
     )
     assert m.conformance.judgements[0].verdict == "pass"
     assert m.verdict == "undecided"
+
+
+def with_outlier(deviation_mm):
+    """The part with its tenth point left out as an outlier."""
+    e, status, kept = PART.deviation_mm.copy(), PART.status.copy(), PART.judged.copy()
+    e[10], status[10], kept[10] = deviation_mm, PointStatus.OUTLIER, False
+    contact = PART.contact_part_mm + (e - PART.deviation_mm)[:, None] * PART.normals
+    return replace(
+        PART,
+        deviation_mm=frozen_array(e),
+        contact_part_mm=frozen_array(contact),
+        status=frozen_array(status, np.uint8),
+        judged=frozen_array(kept, np.bool_),
+    )
+
+
+@pytest.mark.parametrize(
+    "tolerance",
+    [
+        {"tolerance_pv_um": 60.0},
+        {"tolerance_profile_um": 60.0, "decision": "simple"},
+        {"tolerance_band_lower_um": -40.0, "tolerance_band_upper_um": 40.0},
+    ],
+)
+def test_an_outlier_that_would_break_a_tolerance_lets_no_part_pass(tolerance):
+    m = error_map(with_outlier(0.05), ErrorMapConfig(**tolerance))
+    assert m.conformance.judgements[0].verdict == "pass"
+    assert m.verdict == "undecided"
+    assert m.verdict_lines[-1].startswith("a point left out as an outlier, up to +50 um, would break")
+    assert m.conformance.kept
+    assert error_map(with_outlier(0.02), ErrorMapConfig(**tolerance)).verdict == "pass"
+    x, y = (float(v[10]) for v in random_places(PLANE, 8000))
+    elsewhere = f"circle:{-np.sign(x) * 25},{-np.sign(y) * 15},12"
+    assert (
+        error_map(with_outlier(0.05), ErrorMapConfig(report_region=elsewhere, **tolerance)).verdict == "pass"
+    )
 
 
 @pytest.mark.parametrize(
