@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 from make_chain_picture import draw_chain
 
-from cmm_align import PointKind, PointSet
-from cmm_align.cli.align import Ball, make_alignment
-from cmm_align.cli.compensate import commanded_points, make_correction
+from cmm_align import PointKind, PointSet, files
+from cmm_align.cli.alignment_run import Ball, make_alignment
+from cmm_align.cli.compensate import make_correction
 from cmm_align.cli.error_map import make_map
 from cmm_align.cli.job import Job
+from cmm_align.cli.measured import Sources
 from cmm_align.cli.offset import make_nominal
-from cmm_align.files import write_points
 from cmm_align.report.map_picture import draw_map
 from cmm_align.virtual.cmm import machine_from_part, scan_lines, tip_centres
 from cmm_align.virtual.form_error import form_error
@@ -40,7 +40,7 @@ def main() -> None:
 
     Path("nominal.toml").write_text(PRESCRIPTION, encoding="utf-8")
     grid = PointSet.of(window_grid(SPACING_MM), kind=PointKind.NOMINAL, frame="part")
-    write_points("nominal.csv", grid, decimals=6, overwrite=True)
+    files.write_points("nominal.csv", grid, decimals=6, overwrite=True)
     make_nominal(job, Path("nominal.csv"), TIP_RADIUS_MM, job.config.offset)
 
     x_mm, y_mm = scan_lines(surface.bounds)
@@ -49,7 +49,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for number, name in enumerate(("part", "part2")):
             centres = tip_centres(surface, deviation_at, x_mm, y_mm, TIP_RADIUS_MM, seed=3 + 2 * number)
-            write_points(
+            files.write_points(
                 f"{name}.csv", PointSet.of(centres, kind=PointKind.TIP_CENTRE), decimals=5, overwrite=True
             )
             passes[name] = deviation_at(x_mm, y_mm)
@@ -59,7 +59,8 @@ def main() -> None:
                 correction = make_correction(
                     job, mapped.outputs[0], job.config.compensate, first_pass=True, picture=False
                 )
-                deviation_at = grind(surface, error.at, commanded_points(correction.noun))
+                commanded = files.read(correction.outputs[1])
+                deviation_at = grind(surface, error.at, commanded.points_mm)
         mirror = map_of(
             job,
             Path("mirror_m2/points.csv"),
@@ -85,14 +86,14 @@ def map_of(job, points, nominal, scratch, *, ball=None, initial=None):
     """Align and map points, with the files in between in a scratch folder."""
     aligned = make_alignment(
         job,
-        [points],
+        Sources((str(points),)),
         nominal,
         job.config.align,
         ball or Ball(),
         initial=initial,
         output=scratch / f"{points.stem}.align.h5",
     )
-    return make_map(job, aligned.outputs[0], job.config.error_map, picture=False)
+    return make_map(job, aligned.outputs[0], job.config.error_map)
 
 
 if __name__ == "__main__":

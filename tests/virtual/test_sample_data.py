@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from cmm_align.pose import Pose
 from cmm_align.surfaces.geometry import unit_normal
@@ -71,3 +73,11 @@ def test_the_folder_is_small_and_every_file_is_explained(sample_data: Path) -> N
     for path in files:
         top = path.relative_to(sample_data).parts[0]
         assert top == "README.md" or f"`{top}" in readme, path.name
+
+
+def test_the_script_that_makes_the_folder_finds_what_it_uses(
+    sample_data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(sample_data))
+
+    assert callable(runpy.run_path(str(sample_data / "make_sample_data.py"))["main"])
