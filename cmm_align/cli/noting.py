@@ -176,6 +176,8 @@ def adding(
 ) -> Iterator[None]:
     """Add the pass when the block, which writes the outputs, ends well; without a ledger do nothing.
 
+    A ledger that is new is left behind only then.
+
     Raises
     ------
     WrongStageError
@@ -186,15 +188,13 @@ def adding(
     if noted is None:
         yield
         return
-    from cmm_align.io.ledger_file import adding_pass, create_ledger
+    from cmm_align.io.ledger_file import adding_pass
     from cmm_align.stages.ledger_entry import ledger_entry
 
     row = ledger_entry(
         noted.part, deviation_map, correction, previous, noted.ledger.bands, noted.config, time_utc
     )
-    if not noted.path.exists():
-        create_ledger(noted.path, noted.ledger)
-    with adding_pass(noted.path, row, noted.came, replace=replace_row):
+    with adding_pass(noted.path, row, noted.came, replace=replace_row, new=noted.ledger):
         yield
 
 

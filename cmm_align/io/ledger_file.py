@@ -79,32 +79,31 @@ def create_ledger(path: Path | str, ledger: Ledger) -> None:
     """
     path = Path(path)
     with _locked(path):
-        if path.exists() and path.stat().st_size > 0:
-            return
-        with closing(_connected(path)) as base, _refusals(path):
-            base.executescript(
-                f"BEGIN IMMEDIATE; {TABLES} PRAGMA application_id = {APPLICATION_ID}; "
-                f"PRAGMA user_version = {VERSION};"
-            )
-            insert_head(base, ledger)
-            base.commit()
+        _begun(path, ledger)
 
 
 @contextmanager
 def adding_pass(
-    path: Path | str, row: LedgerPass, came: PassOutcome | None, *, replace: bool = False
+    path: Path | str,
+    row: LedgerPass,
+    came: PassOutcome | None,
+    *,
+    replace: bool = False,
+    new: Ledger | None = None,
 ) -> Iterator[bool]:
     """Add a pass, and what came of the one before, when the block ends well; else leave the ledger as it was.
 
     Parameters
     ----------
     path : path
-        A ledger that exists.
+        A ledger that exists, unless `new` is given.
     row : LedgerPass
     came : PassOutcome or None
         Of the pass with the digest `row.previous_map_digest`; left out where the ledger does not know it.
     replace : bool
         Whether the row may take the place of another one of the same part and pass that was not ground.
+    new : Ledger, optional
+        What to begin the file with where there is none; it goes again if the block fails.
 
     Yields
     ------
@@ -120,8 +119,7 @@ def adding_pass(
         If another run holds it for longer than `TIMEOUT_S`.
     """
     path = Path(path)
-    _check_file(path)
-    with _locked(path), closing(_connected(path)) as base:
+    with _locked(path), _begun_for(path, new), closing(_connected(path)) as base:
         with _refusals(path):
             base.execute("BEGIN IMMEDIATE")
             _check_ours(base, path)
@@ -153,6 +151,33 @@ def add_dressing(path: Path | str, time_utc: str, wheel: str = "") -> None:
             (time_utc, wheel),
         )
         base.commit()
+
+
+def _begun(path: Path, ledger: Ledger) -> bool:
+    """Make an empty ledger where there is none, in a lock that is held; return whether it did."""
+    if path.exists() and path.stat().st_size > 0:
+        return False
+    with closing(_connected(path)) as base, _refusals(path):
+        base.executescript(
+            f"BEGIN IMMEDIATE; {TABLES} PRAGMA application_id = {APPLICATION_ID}; "
+            f"PRAGMA user_version = {VERSION};"
+        )
+        insert_head(base, ledger)
+        base.commit()
+    return True
+
+
+@contextmanager
+def _begun_for(path: Path, new: Ledger | None) -> Iterator[None]:
+    """Have a ledger for the block; one that was made for it goes again if the block fails."""
+    made = new is not None and _begun(path, new)
+    _check_file(path)
+    try:
+        yield
+    except BaseException:
+        if made:
+            path.unlink(missing_ok=True)
+        raise
 
 
 def _make_room(base: sqlite3.Connection, row: LedgerPass, path: Path, *, replace: bool) -> bool:

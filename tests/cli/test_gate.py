@@ -68,7 +68,7 @@ def test_a_wrong_file_is_held_back_and_nothing_is_written(
         return np.ascontiguousarray(points[:, [1, 0, 2]]), normals
 
     monkeypatch.setattr(xyz, "points_and_normals", swapped)
-    ran = cli(*start, "--export", "zemax", "--export", "xyz")
+    ran = cli(*start, "--export", "zemax", "--export", "xyz", "--ledger", tmp_path / "new.ledger")
     assert ran.code == 5
     assert ran.err.count("\n") == 1
     assert "a.comp.xyz: the gate holds this file back" in ran.err

@@ -245,3 +245,15 @@ def test_every_column_with_a_length_says_its_unit(path):
         ]
     plain = {"gain", "transfer", "u_transfer", "n", "id", "pass_id", "band", "number", "pass_number", "part"}
     assert all(n in plain or n.endswith(("_um", "_mm", "_utc", "_digest", "_rule")) for n in names), names
+
+
+def test_a_new_ledger_stays_only_if_its_first_pass_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "new.ledger"
+
+    with pytest.raises(ZeroDivisionError), adding_pass(path, a_pass(), None, new=EMPTY):
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
+
+    with adding_pass(path, a_pass(), None, new=EMPTY):
+        pass
+    assert len(read_ledger(path).passes) == 1
