@@ -107,7 +107,8 @@ def evaluate(
     def look(part: slice, p: Array) -> tuple[Feet, Mask]:
         return measure.distance(p, None if previous is None else previous.of(part))
 
-    return _summed(look, measure, points_mm, placement, length_mm, used, steering)
+    bend = None if measure.shifted is None else np.empty((len(points_mm), 3))
+    return _summed(look, bend, points_mm, placement, length_mm, used, steering)
 
 
 def carried(
@@ -141,22 +142,22 @@ def carried(
     def look(part: slice, p: Array) -> tuple[Feet, Mask]:
         return shifted(now.feet.of(part), p - moved(points_mm[part], before))
 
-    return _summed(look, measure, points_mm, after, length_mm, now.used, steering)
+    found = _summed(look, None, points_mm, after, length_mm, now.used, steering)
+    return found._replace(feet=found.feet._replace(bend=now.feet.bend))  # what a short step leaves as it is
 
 
 def _summed(
     look: Callable[[slice, Array], tuple[Feet, Mask]],
-    measure: Measure,
+    bend: Array | None,
     points_mm: Array,
     placement: Placement,
     length_mm: float,
     used: Mask | None,
     steering: Steering,
 ) -> Evaluation:
-    """Look at all points, chunk by chunk, and sum the normal equations."""
+    """Look at all points, chunk by chunk, and sum the normal equations; `bend` is filled if it is there."""
     n = len(points_mm)
     weights = steering.weights
-    bend = None if measure.shifted is None else np.empty((n, 3))
     feet = Feet(np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3)), bend)
     inside, counted = np.empty(n, dtype=bool), np.empty(n, dtype=bool)
 
