@@ -7,13 +7,14 @@ import shutil
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from conftest import Ran
 
 from cmm_align.io import ledger_file
-from cmm_align.io.ledger_file import adding_pass, read_ledger
+from cmm_align.io.ledger_file import adding_pass, create_ledger, read_ledger
 
 Cli = Callable[..., Ran]
 
@@ -133,7 +134,7 @@ def test_what_does_not_fit_the_ledger_is_refused_and_nothing_is_written(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["notes.txt", "window.sqlite"]
 
 
-def test_outputs_that_cannot_be_written_leave_the_ledger_without_the_pass(
+def test_outputs_that_cannot_be_written_leave_no_new_ledger(
     cli: Cli, two_passes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from cmm_align import io
@@ -148,7 +149,12 @@ def test_outputs_that_cannot_be_written_leave_the_ledger_without_the_pass(
         "compensate", two_passes / "part.map.h5", "--first-pass", "--ledger", ledger, "-o", tmp_path / "x.h5"
     )
     assert ran.code == 8
-    assert read_ledger(ledger).passes == ()
+    assert not ledger.exists()
+
+
+def test_an_empty_ledger_says_that_it_is(cli: Cli, two_passes: Path, tmp_path: Path) -> None:
+    ledger = tmp_path / "new.sqlite"
+    create_ledger(ledger, replace(read_ledger(two_passes / "window.sqlite"), passes=()))
     empty = cli("history", ledger)
     assert (empty.code, "no pass yet" in empty.out) == (0, True)
     assert cli("history", ledger, "--plot", tmp_path / "h.png").code == 3
