@@ -142,7 +142,9 @@ def _dress(axes: Axes, passes: Sequence[LedgerPass], name: str) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     low, high = axes.get_ylim()
-    if high < 30.0 * low:
+    if high < 4.0 * low:
+        axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    elif high < 30.0 * low:
         axes.yaxis.set_minor_formatter(FuncFormatter(_minor))
     else:
         axes.yaxis.set_minor_formatter(NullFormatter())
