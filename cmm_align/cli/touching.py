@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from cmm_align.cli.options import FILE, Length
-from cmm_align.errors import UsageError
+from cmm_align.errors import UsageError, WrongStageError
 from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _OPTIONS = (
         "--touches",
         type=FILE,
         metavar="FILE",
-        help="7 to 15 touches of the part on the grinder, in its frame.",
+        help="7 to 15 touches of the part where it is clamped, in the frame of the grinder.",
     ),
     click.option(
         "--touch-radius",
@@ -68,6 +68,8 @@ def laid(
     ------
     UsageError
         If one of both is given without the other.
+    WrongStageError
+        If the touches are in the frame of the part.
     GeometryError, NumericsError
         If the touches do not tell the pose, or do not fit the part.
     """
@@ -84,6 +86,12 @@ def laid(
     from cmm_align.stages.seat import placed, refuse_unknown, seat_of
 
     points = read_measured(touches, job.units)
+    if points.frame == "part":
+        raise WrongStageError(
+            f"{touches.name} is in the frame of the part",
+            expected="touches as the grinder tells them, frame=grinder or machine",
+            remedy="give the file of the touches, not one of the drawing",
+        )
     if points.kind is PointKind.CONTACT and radius_mm > 0.0:
         raise UsageError(
             f"{touches.name} holds contact points, --touch-radius is {radius_mm:g} mm",

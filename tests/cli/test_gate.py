@@ -174,3 +174,14 @@ def test_touches_and_their_radius_go_together(
     options = [str(tmp_path / word) if word.endswith(".csv") else word for word in options]
     ran = cli(*start, *options)
     assert (ran.code, words in ran.err) == (2, True)
+
+
+def test_touches_in_the_frame_of_the_part_are_refused(
+    cli: Cli, made: Path, start: list[object], tmp_path: Path
+) -> None:
+    touches = touches_of(made, tmp_path)
+    head = "# cmm-align points v1; units=mm; kind=tip_centre; frame=part\n"
+    touches.write_text(head + touches.read_text())
+    ran = cli(*start, "--touches", touches, "--touch-radius", "2mm")
+    assert (ran.code, "is in the frame of the part" in ran.err) == (3, True)
+    assert written(tmp_path) == ["touches.csv"]
