@@ -169,7 +169,7 @@ def of_correction(correction: Correction) -> list[str]:
             "neighbours: the picture hatches them"
         )
     if not correction.worth_another_pass:
-        texts.append(f"another pass is not worth it: {correction.reason}")
+        texts.append(f"another pass: {correction.reason}")
     return texts
 
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from cmm_align.cli import noting, options
-from cmm_align.cli.exporting import HEADINGS, exporting_options, with_options
+from cmm_align.cli.exporting import HEADINGS as WHEEL_AND_EXPORTS
+from cmm_align.cli.exporting import exporting_options, with_options
 from cmm_align.cli.job import Job, Outcome, beside, typed
 from cmm_align.cli.options import FILE, Length, output_option
 from cmm_align.cli.touching import TOUCH_HEADINGS, touch_options
@@ -26,6 +27,23 @@ if TYPE_CHECKING:
 MOST_CONTINUED: Final = 0.5
 """Refuse where more than this share of the nodes has no data of its own."""
 
+HEADINGS: Final = {
+    "Passes": ("--previous", "--first-pass", "--trust-me"),
+    "What is corrected": (
+        "--gain",
+        "--force-gain",
+        "--low-pass",
+        "--region",
+        "--transfer",
+        "--repeatability",
+        "--thickness-budget",
+    ),
+    **WHEEL_AND_EXPORTS,
+    **TOUCH_HEADINGS,
+    **noting.HEADINGS,
+    "Files": ("--output", "--overwrite", "--no-picture", "--no-gate"),
+}
+
 TEXT = """The surface to grind next: what was commanded last, less the deviations of MAP.
 
 Writes the correction as HDF5 and the commanded surface as x, y, z text, or as --export says. From the
@@ -34,7 +52,7 @@ last piece. Where such a file lies beside MAP, one of --previous and --first-pas
 """
 
 
-@options.command("compensate", TEXT, headings={**HEADINGS, **TOUCH_HEADINGS, **noting.HEADINGS})
+@options.command("compensate", TEXT, headings=HEADINGS)
 @click.argument("map_file", type=FILE, metavar="MAP")
 @click.option("--gain", metavar="G", help="Share to take off, or wiener: one by wavelength.  [default: 1.0]")
 @click.option("--force-gain", is_flag=True, help="Allow a gain over 1.2, below 2.")

@@ -44,7 +44,9 @@ _OPTIONS: Final = (
         "--wheel-tip-radius", type=Length(), metavar="L", help="Radius of the rounded rim: a toroidal wheel."
     ),
     click.option(
-        "--wheel-axis", metavar="A", help="Axis of a toroidal wheel, frame of the part: x, y, z or 0,0.6,0.8."
+        "--wheel-axis",
+        metavar="A",
+        help="Axis of a toroidal wheel: x, y, z or 0,0.6,0.8, frame of the exports.",
     ),
     click.option("--depth-of-cut", type=Length(), metavar="L", help="Most that the pass takes off, as 30um."),
     click.option(

@@ -87,7 +87,9 @@ class Noted:
         from cmm_align.report.ledger_summary import of_learned
         from cmm_align.stages.learned_transfer import gain_of
 
-        rows = [("ledger", f"{self.path}: {self.part}, {len(self.ledger.passes)} passes before this one")]
+        n = len(self.ledger.passes)
+        passes = "pass" if n == 1 else "passes"
+        rows = [("ledger", f"{self.path}: {self.part}, {n} {passes} before this one in the ledger")]
         rows += of_learned(self.learned)
         if self.used is not None:
             gains = [gain_of(one) for one in self.used.bands]

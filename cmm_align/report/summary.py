@@ -211,7 +211,8 @@ def _expected(c: Correction) -> Rows:
     p = c.prediction
     if p is None:
         return []
-    share = "a transfer" if p.transfer.wavelength_mm else f"a transfer of {p.transfer.share[0]:g}"
+    shares = sorted({round(share, 2) for share in p.transfer.share})
+    share = f"a transfer of {' to '.join(f'{one:g}' for one in (shares[0], *shares[1:][-1:]))}"
     known = "" if p.transfer.known else " (not known)"
     return [
         (
@@ -219,7 +220,7 @@ def _expected(c: Correction) -> Rows:
             f"95 %: RMS {_um(p.rms_low_mm)} to {_um(p.rms_high_mm)}, PV {_um(p.pv_low_mm)} to "
             f"{_um(p.pv_high_mm)}",
         ),
-        ("", f"with {share} +- {p.transfer.u:g}{known}, {_um(p.repeatability_mm)} from pass to pass"),
+        ("", f"with {share} +- {p.transfer.u:.2g}{known}, {_um(p.repeatability_mm)} from pass to pass"),
     ]
 
 
