@@ -139,7 +139,12 @@ def dataset(file: h5py.File, path: str) -> h5py.Dataset:
     where = where_of(file, path)
     found = find(file, path)
     if not isinstance(found, h5py.Dataset):
-        raise MalformedInputError("the dataset is missing", where=where)
+        raise MalformedInputError(
+            "the dataset is missing",
+            where=where,
+            expected="a file as our command wrote it",
+            remedy="make it anew: something took the dataset out, or the file is of another kind",
+        )
     if found.is_virtual or found.external:
         raise MalformedInputError(
             "its data lie outside the file", where=where, expected="data inside this file"
