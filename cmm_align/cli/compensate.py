@@ -200,6 +200,7 @@ def make_correction(
     from cmm_align.provenance import this_step
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
+    from cmm_align.stages.remount import remount_sensitivity
     from cmm_align.stages.wheel_check import wheel_of
 
     opening.check_stage(map_file, MAP, job.command, job.units)
@@ -254,6 +255,7 @@ def make_correction(
         name = beside(map_file, "").name
         draw_correction(correction, path, title=f"{name}: correction to grind", source=map_file.name)
 
+    costs = remount_sensitivity(correction.nominal)
     faults = try_one(draw, drawing, overwrite=job.overwrite) if picture else []
     return Outcome(
         command=job.command,
@@ -264,14 +266,14 @@ def make_correction(
         | exporting.result(wheel, depth)
         | {"ledger": None if ledger is None else ledger.result()}
         | gating.result(correction.gate or report)
-        | touching.result(seat, correction.nominal),
+        | touching.result(seat, costs),
         rows=[
             *summary.of_correction(correction),
             *(ledger.rows() if ledger is not None else ()),
             *exporting.rows(wheel, depth, plan.paths),
             results.probe_row(correction.nominal),
         ],
-        details=[*summary.details_of_correction(correction), *touching.details(correction.nominal)],
+        details=[*summary.details_of_correction(correction), *touching.details(costs)],
         warnings=[
             *([] if gate else [gating.SKIPPED]),
             *touching.warnings(seat),

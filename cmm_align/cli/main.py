@@ -25,7 +25,6 @@ from cmm_align.errors import CmmAlignError
 EXIT_BUG: Final = 1
 EXIT_USAGE: Final = 2
 EXIT_NUMERICS: Final = 4
-EXIT_OUTPUT: Final = 8
 EXIT_INTERRUPTED: Final = 130
 EXIT_PIPE: Final = 141
 EXIT_TERMINATED: Final = 143

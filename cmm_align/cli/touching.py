@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +14,8 @@ from cmm_align.units import UM_PER_MM
 
 if TYPE_CHECKING:
     from cmm_align.cli.job import Job
-    from cmm_align.model import Correction, DeviationMap, Nominal, Seat
+    from cmm_align.model import Correction, DeviationMap, Seat
+    from cmm_align.stages.remount import Sensitivity
 
 TOUCH_HEADINGS: Final = {"On the grinder": ("--touches", "--touch-radius")}
 """What the options stand under in the help."""
@@ -125,10 +126,8 @@ def warnings(seat: Seat | None) -> list[str]:
     return [*texts, *(f"touches: {note}" for note in seat.notes)]
 
 
-def result(seat: Seat | None, nominal: Nominal) -> dict[str, Any]:
+def result(seat: Seat | None, costs: Sequence[Sensitivity]) -> dict[str, Any]:
     """Return the part of the result of `compensate` that tells of the part on the grinder."""
-    from cmm_align.stages.remount import remount_sensitivity
-
     return {
         "seat": None
         if seat is None
@@ -151,22 +150,20 @@ def result(seat: Seat | None, nominal: Nominal) -> dict[str, Any]:
                 "max_um": one.max_um,
                 "max_at_mm": list(one.at_mm),
             }
-            for one in remount_sensitivity(nominal)
+            for one in costs
         ],
     }
 
 
-def details(nominal: Nominal) -> list[tuple[str, str]]:
+def details(costs: Sequence[Sensitivity]) -> list[tuple[str, str]]:
     """Return the table of what a part that sits wrongly does to the map."""
-    from cmm_align.stages.remount import remount_sensitivity
-
     rows = [
         (
             "if it sits wrongly",
             "um of deviation for each um or arcsec, about the middle; a best fit hides it",
         )
     ]
-    for one in remount_sensitivity(nominal):
+    for one in costs:
         x, y = one.at_mm
         rows.append(
             (

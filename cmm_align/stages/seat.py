@@ -39,6 +39,8 @@ MATTERS: Final = 0.03
 FREE: Final = 1e-8
 """Share of the strongest motion below which one is free (of the scaled normal matrix)."""
 _TAIL: Final = 0.025
+_NAMED: Final = 6
+"""Touches that a message counts up."""
 
 
 def seat_of(
@@ -146,11 +148,13 @@ def _aligned(touches: PointSet, nominal: Nominal, start: Pose | None) -> Alignme
             "or touch more points",
         ) from None
     if np.isnan(laid.deviation_mm).any():
-        beside = np.flatnonzero(np.isnan(laid.deviation_mm)) + 1
+        beside = (np.flatnonzero(np.isnan(laid.deviation_mm)) + 1).tolist()
+        named = ", ".join(str(k) for k in beside[:_NAMED])
+        more = f" and {len(beside) - _NAMED} more" if len(beside) > _NAMED else ""
         raise NumericsError(
-            f"touch {', '.join(str(k) for k in beside.tolist())} lies beside the part",
+            f"beside the part: touch {named}{more}",
             where=touches.source,
-            remedy="leave it out, or touch again",
+            remedy="leave out what lies beside it, or touch again",
         )
     return laid
 
