@@ -17,7 +17,7 @@ from cmm_align.report.wording import two_digits
 Rows = list[tuple[str, str]]
 
 _NESTED: Final = {"bands", "came"}
-_HEAD: Final = "{:>4}  {:<10}  {:>6}  {:>6}  {:>6}  {:>5}   {:<21}  {:>6}"
+_HEAD: Final = "{:>4}  {:<10}  {:>6}  {:>6}  {:>6}  {:>6}  {:<21}  {:>6}"
 _SURE: Final = 2.0
 
 
@@ -115,7 +115,7 @@ def _pass_words(one: LedgerPass) -> str:
     )
     came = "" if one.came is None else f"{one.came.rms_um:.2f}"
     held = "  outside" if one.interval_held is False else ""
-    gain = "Wien" if one.gain_rule == "wiener" else f"{one.gain:.2f}"
+    gain = "Wiener" if one.gain_rule == "wiener" else f"{one.gain:.2f}"
     return (
         _HEAD.format(
             one.pass_number,
