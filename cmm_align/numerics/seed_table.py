@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 from cmm_align.numerics.foot_point import JetFunction, Limits
 
 Array = NDArray[np.float64]
+
+_ROUNDS: Final = 6
+_SETTLED: Final = 1e-7
+"""The rounds end when no foot moves by more than this share of the part: seeds are not known better."""
 
 
 class SeedTable(NamedTuple):
@@ -54,12 +58,15 @@ def seed_table(jet: JetFunction, side: int, radius_mm: float, limits: Limits, no
     ys = np.linspace(y_min - radius_mm, y_max + radius_mm, nodes)
     px, py = (a.ravel() for a in np.meshgrid(xs, ys))
     x, y = np.clip(px, x_min, x_max), np.clip(py, y_min, y_max)
+    longest = max(x_max - x_min, y_max - y_min)
     with np.errstate(invalid="ignore"):
-        for _ in range(6):
-            j = jet(x, y)
+        for _ in range(_ROUNDS):
+            j, before = jet(x, y), (x, y)
             scale = side * radius_mm / np.sqrt(1.0 + j.zx**2 + j.zy**2)
             x = np.clip(np.where(np.isfinite(scale), px + j.zx * scale, px), x_min, x_max)
             y = np.clip(np.where(np.isfinite(scale), py + j.zy * scale, py), y_min, y_max)
+            if max(np.abs(x - before[0]).max(), np.abs(y - before[1]).max()) <= _SETTLED * longest:
+                break
         n_z = side / np.sqrt(1.0 + j.zx**2 + j.zy**2)  # of the last round but one: near enough
         centre = (j.z + radius_mm * n_z).reshape(nodes, nodes)
         lean_x, lean_y = (np.nan_to_num(-z * n_z * n_z).reshape(nodes, nodes) for z in (j.zx, j.zy))
