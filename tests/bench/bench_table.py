@@ -54,6 +54,14 @@ class Table:
         return [self.words, *rows]
 
 
+def short(n: float) -> str:
+    """Write a number of points: 5000, 1.2e6."""
+    if n < 10_000:
+        return f"{n:.0f}"
+    mantissa, exponent = f"{n:.1e}".split("e")
+    return f"{mantissa.removesuffix('.0')}e{int(exponent)}"
+
+
 def met(value: float, bar: float) -> bool:
     """Return whether a value keeps an upper bar; one that is no number does not."""
     return bool(value <= bar)

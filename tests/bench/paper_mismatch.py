@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from bench_table import Line, met, write_csv
+from bench_table import Line, met, short, write_csv
 from paper_pictures import draw_iterations, draw_mismatch, draw_time
 from table import Stopwatch
 from window_cloud import NOISE_MM, cloud, formed, judged, laid, places, scanned, start
@@ -161,7 +161,7 @@ def time_against_n(folder: Path, nominal: Nominal, sizes: list[int], repeats: in
     per = spent["ours"][-1] * 1.2e6 / sizes[-1]
     return [
         Line(
-            f"Time of the align stage, {sizes[-1]:.2g} points",
+            f"Time of the align stage, {short(sizes[-1])} points",
             "paper: 8.7 s for 1.2e6",
             f"{spent['ours'][-1]:.2f} s ({8.7 / per:.1f} × faster per point)",
             met(per, 8.7),

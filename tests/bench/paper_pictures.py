@@ -18,7 +18,7 @@ OURS = "#b9501a"
 METHOD_WORDS = {
     "icp": "point to point (ICP)",
     "point-to-plane": "point to plane",
-    "facet": "point to triangle (the paper's)",
+    "facet": "point to triangle (as in the paper)",
     "ours": "foot point (ours)",
 }
 METHOD_INK = {"icp": "#5b6672", "point-to-plane": "#3f8f5b", "facet": "#2f6fb5", "ours": OURS}

@@ -23,11 +23,11 @@ FAR_MM = 1e3
 """No partner is too far away."""
 MOST = 100
 """Iterations that a method may take."""
-LOOKS = (1, 2, 3, 4, 5, 6, 8, 10, 14, 20, 30)
+LOOKS = (1, 2, 3, 4, 5, 6, 8, 10, 14, 20)
 """Iterations after which a method that cannot be watched is looked at."""
 CLOSEST_MOST = 200
 """The same for point to point, which creeps."""
-EPSILON = 1e-9
+EPSILON = 1e-8
 """Smallest step, rad and mm, of a method that stops by it."""
 
 
@@ -97,7 +97,7 @@ def small_gicp(case: Case, kind: str) -> Solver:
 
     def solve(start: np.ndarray) -> Trace:
         trace: Trace = []
-        for epsilon in (1e-3, 1e-5, 1e-7, EPSILON):
+        for epsilon in (1e-4, EPSILON):
             begin = time.perf_counter()
             found = sg.align(
                 target,

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import h5py
 import numpy as np
-from bench_table import Line, Table, markdown, met, put_into_readme, write_csv
+from bench_table import Line, Table, markdown, met, put_into_readme, short, write_csv
 from first_light import measured, scan
 from limit_program import layout_of
 from scaling_pictures import draw_growth, draw_parts
@@ -154,7 +154,7 @@ def matrix(folder: Path, scratch: Path, sizes: Sizes) -> tuple[list[Cost], dict[
             cost = aligned(part, nominal, output, repeats)
             costs.append(Cost(len(scan(n)[0]), nodes[0] * nodes[1], cost.seconds, cost.peak_mb))
             told = f"{cost.seconds:.2f} s, {cost.peak_mb:.0f} MB"
-            print(f"  {n:.0e} points, {nodes[0] * nodes[1]:.1e} nodes: {told}", file=sys.stderr)
+            print(f"  {short(n)} points, {short(nodes[0] * nodes[1])} nodes: {told}", file=sys.stderr)
             if nodes == sizes.paper_nodes:
                 parts[n] = parts_of(part, nominal, output, repeats)
     write_csv(folder / "scaling.csv", Cost._fields, [tuple(c) for c in costs])
@@ -223,7 +223,7 @@ def paper_part(scratch: Path, sizes: Sizes) -> list[Line]:
     ratio = ours.seconds / least.seconds
     return [
         Line(
-            f"align {sizes.paper:.2g} points on {nodes} nodes, whole process",
+            f"align {short(sizes.paper)} points on {nodes} nodes, whole process",
             "≤ 1.5 s",
             f"{ours.seconds:.2f} s (processor {ours.processor_s:.2f} s)",
             met(ours.seconds, 1.5),
@@ -255,7 +255,7 @@ def chain(scratch: Path, sizes: Sizes) -> list[Line]:
     told = " + ".join(f"{s:.1f}" for s in spent)
     return [
         Line(
-            f"whole chain, {sizes.paper:.2g} points, four commands",
+            f"whole chain, {short(sizes.paper)} points, four commands",
             "≤ 12 s",
             f"{sum(spent):.1f} s ({told})",
             met(sum(spent), 12.0),

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from bench_table import short
+from matplotlib.ticker import NullFormatter
 from paper_pictures import INKS, start_sheet
 
 from cmm_align.report.canvas import INK, SOFT, STYLE, save
@@ -44,11 +46,14 @@ def draw_growth(path: Path, costs) -> None:
             for ink, nodes in zip(INKS, sorted({c.nodes for c in costs}), strict=False):
                 line = sorted((c.points, getattr(c, of)) for c in costs if c.nodes == nodes)
                 axes.loglog(
-                    *zip(*line, strict=True), "-o", color=ink, lw=1.6, ms=4, label=f"{nodes:.2g} nodes"
+                    *zip(*line, strict=True), "-o", color=ink, lw=1.6, ms=4, label=f"{short(nodes)} nodes"
                 )
             x = np.array(sorted({c.points for c in costs}), dtype=float)
             top = max(getattr(c, of) for c in costs if c.points == x[-1])
             axes.loglog(x[-2:], 1.35 * top * x[-2:] / x[-1], ":", color=SOFT, lw=1.1)
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            if np.ptp(np.log10([getattr(c, of) for c in costs])) > 1.0:
+                axes.yaxis.set_minor_formatter(NullFormatter())
             axes.set_xlabel("points")
             axes.set_ylabel(name)
             if k == 0:
@@ -84,7 +89,8 @@ def draw_parts(path: Path, parts, names) -> None:
                     )
                 left += share
             axes.text(1.012, row, f"{total:.2f} s", va="center", fontsize=9.5, weight="bold")
-        axes.set_yticks(range(len(parts)), [f"{n:.0e}".replace("e+0", "e") for n in parts])
+        axes.invert_yaxis()
+        axes.set_yticks(range(len(parts)), [short(n) for n in parts])
         axes.set_ylabel("points")
         axes.set_xlim(0, 1)
         axes.set_xticks([])
