@@ -59,7 +59,7 @@ def test_numbers_are_taken_out_whole() -> None:
     assert without_numbers("1.2e6 points, 1 021 × 3e-05") == "# points, # # × #"
 
 
-@pytest.mark.parametrize("name", ["paper"])
+@pytest.mark.parametrize("name", ["paper", "peers", "scaling"])
 def test_the_readme_holds_the_tables_of_all_benches(name: str) -> None:
     found = marked(name).search(README.read_text(encoding="utf-8"))
 

@@ -97,7 +97,7 @@ def small_gicp(case: Case, kind: str) -> Solver:
 
     def solve(start: np.ndarray) -> Trace:
         trace: Trace = []
-        for epsilon in (1e-4, EPSILON):
+        for epsilon in (1e-2, 1e-3, 1e-4, EPSILON):
             begin = time.perf_counter()
             found = sg.align(
                 target,

@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from bench_table import short
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from paper_pictures import INKS, start_sheet
 
 from cmm_align.report.canvas import INK, SOFT, STYLE, save
@@ -52,8 +52,9 @@ def draw_growth(path: Path, costs) -> None:
             top = max(getattr(c, of) for c in costs if c.points == x[-1])
             axes.loglog(x[-2:], 1.35 * top * x[-2:] / x[-1], ":", color=SOFT, lw=1.1)
             axes.xaxis.set_minor_formatter(NullFormatter())
-            if np.ptp(np.log10([getattr(c, of) for c in costs])) > 1.0:
-                axes.yaxis.set_minor_formatter(NullFormatter())
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.yaxis.set_minor_locator(NullLocator())
             axes.set_xlabel("points")
             axes.set_ylabel(name)
             if k == 0:
