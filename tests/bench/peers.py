@@ -49,7 +49,7 @@ WORDS = {
     "trimesh": "trimesh, closest points on triangles",
     "simpleicp": "simpleICP",
 }
-MODULE = {"small_gicp-plane": "small_gicp"}
+MODULES = {"small_gicp-plane": ("small_gicp",), "trimesh": ("trimesh", "rtree")}
 DISTRIBUTIONS = ("open3d-cpu", "small-gicp", "trimesh", "simpleicp")
 BARS = {"open3d": (30.0, 100.0), "small_gicp": (20.0, 1.0)}
 """Times as slow, times as large an error, that the other is to be at least."""
@@ -93,12 +93,12 @@ class Problem(NamedTuple):
 
 def available(name: str) -> str:
     """Return what is missing; empty if the library can be imported."""
-    module = MODULE.get(name, name)
-    if importlib.util.find_spec(module) is None:
-        return "not installed"
-    done = subprocess.run(
-        [sys.executable, "-c", f"import {module}"], capture_output=True, text=True, check=False
-    )
+    modules = MODULES.get(name, (name,))
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            return f"not installed: {module}" if len(modules) > 1 else "not installed"
+    code = f"import {', '.join(modules)}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     return "" if done.returncode == 0 else "cannot be imported"
 
 
