@@ -266,10 +266,9 @@ def _felt(problem: _Problem, chosen: list[int]) -> list[int]:
 def _named(problem: _Problem, chosen: list[int], score: float) -> list[int]:
     """Give each cause the first name of those that fit as well."""
     for k in range(len(chosen)):
-        for s in range(chosen[k]):
+        others = [*chosen[:k], *chosen[k + 1 :]]
+        for s in (s for s in _free(problem, others) if s < chosen[k]):
             trial = [*chosen[:k], s, *chosen[k + 1 :]]
-            if s not in problem.candidates or s in chosen:
-                continue
             if (found := problem.fit(trial).log_evidence) > score - np.log(BARE):
                 chosen, score = trial, found
                 break

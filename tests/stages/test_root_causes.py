@@ -10,7 +10,9 @@ from cmm_align.config import ErrorMapConfig
 from cmm_align.errors import UnitsError, UsageError
 from cmm_align.model import Nominal, PointKind, PointSet
 from cmm_align.model.root_causes import CANNOT_TELL
+from cmm_align.numerics.correlated_fit import tables
 from cmm_align.pose import Pose
+from cmm_align.stages import root_causes as stage
 from cmm_align.stages.align import align
 from cmm_align.stages.error_map import error_map
 from cmm_align.stages.root_causes import axis_from_text, root_causes
@@ -254,3 +256,19 @@ def test_a_map_with_its_filter_still_tells_of_the_points_as_they_are():
     a = error_map(alignment).root_causes
     b = error_map(alignment, ErrorMapConfig(high_pass_mm=20.0)).root_causes
     assert a == b
+
+
+def test_a_cause_is_not_named_by_one_that_is_alike_to_another():
+    x = np.linspace(-1.0, 1.0, 40)
+    columns = np.stack([x**2, -(x**2), x**3], axis=1)
+    values = columns[:, 0] + columns[:, 2]
+    everything = np.column_stack([columns, values])
+    problem = stage._Problem(
+        signatures=(),
+        owner=tuple(np.array([k]) for k in range(3)),
+        tables=tables(x[:, None], np.ones(40), np.ones((40, 1)), columns, values),
+        candidates=(0, 1, 2),
+        gram=everything.T @ everything / 40,
+        columns=columns,
+    )
+    assert stage._named(problem, [0, 2], -np.inf) == [0, 2]
