@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
+from cmm_align import __version__
 from cmm_align.errors import MissingFileError, UsageError
 
 _BLOCK: Final = 1 << 20
@@ -54,15 +55,6 @@ class Step:
     inputs: tuple[InputFile, ...] = ()
 
 
-@cache
-def program_version() -> str:
-    """Return the version of the installed cmm-align; ``0`` if it runs without being installed."""
-    try:
-        return metadata.version("cmm-align")
-    except metadata.PackageNotFoundError:
-        return "0"
-
-
 def sha256_of_file(path: Path | str) -> str:
     """Return the SHA-256 of a file as hex digits, read in blocks of 1 MiB.
 
@@ -81,7 +73,35 @@ def sha256_of_file(path: Path | str) -> str:
     return digest.hexdigest()
 
 
-def this_step(command: str, parameters: Mapping[str, Any], inputs: Iterable[Path | str] = ()) -> Step:
+def hashed(paths: Iterable[Path | str]) -> Callable[[], tuple[InputFile, ...]]:
+    """Hash files in the background while other work goes on; call what is returned to wait for them.
+
+    Parameters
+    ----------
+    paths : iterable of path
+        Files that were read, as the user named them.
+
+    Notes
+    -----
+    What goes wrong is raised by that call. A run that fails meanwhile does not wait.
+    """
+    names, done = tuple(paths), Future[tuple[InputFile, ...]]()
+
+    def work() -> None:
+        try:
+            done.set_result(_hashed_now(names))
+        except BaseException as error:
+            done.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return done.result
+
+
+def this_step(
+    command: str,
+    parameters: Mapping[str, Any],
+    inputs: Iterable[Path | str] | Callable[[], tuple[InputFile, ...]] = (),
+) -> Step:
     """Return the step that is being taken now: hashes the inputs and reads the clock.
 
     Parameters
@@ -89,8 +109,8 @@ def this_step(command: str, parameters: Mapping[str, Any], inputs: Iterable[Path
     command : str
     parameters : Mapping
         Settings as JSON knows them.
-    inputs : iterable of path
-        Files that were read, as the user named them.
+    inputs : iterable of path, or callable
+        Files that were read, as the user named them; or what `hashed` returned.
 
     Raises
     ------
@@ -99,8 +119,12 @@ def this_step(command: str, parameters: Mapping[str, Any], inputs: Iterable[Path
     UsageError
         If `SOURCE_DATE_EPOCH` is set to something else than a number of seconds.
     """
-    files = tuple(InputFile(str(path), sha256_of_file(path)) for path in inputs)
-    return Step(command, program_version(), _now().strftime("%Y-%m-%dT%H:%M:%SZ"), dict(parameters), files)
+    files = inputs() if callable(inputs) else _hashed_now(inputs)
+    return Step(command, __version__, _now().strftime("%Y-%m-%dT%H:%M:%SZ"), dict(parameters), files)
+
+
+def _hashed_now(paths: Iterable[Path | str]) -> tuple[InputFile, ...]:
+    return tuple(InputFile(str(path), sha256_of_file(path)) for path in paths)
 
 
 def _now() -> datetime:

@@ -6,6 +6,7 @@ import ast
 import re
 import tomllib
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -234,7 +235,8 @@ def test_conversion_factors_live_in_units_only() -> None:
         assert 25.4 not in numbers, path.name
 
 
-def test_version_is_the_same_everywhere() -> None:
+def test_the_version_stands_in_one_place() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
-    assert project["version"] == cmm_align.__version__
+    assert project["dynamic"] == ["version"]
+    assert metadata.version("cmm-align") == cmm_align.__version__

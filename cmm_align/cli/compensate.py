@@ -197,7 +197,7 @@ def make_correction(
     from cmm_align.cli import cautions, exporting, gating, opening, record, results, touching
     from cmm_align.cli.drawing import try_one
     from cmm_align.io.schema import CORRECTION, MAP
-    from cmm_align.provenance import this_step
+    from cmm_align.provenance import hashed, this_step
     from cmm_align.report import summary
     from cmm_align.stages.compensate import compensate
     from cmm_align.stages.remount import remount_sensitivity
@@ -220,6 +220,7 @@ def make_correction(
     if before is not None and previous is not None and not config.trust_me:
         _check_last_pass(map_file, deviation_map, previous, before, output)
     record.check_outputs(job, outputs, inputs)
+    checksums = hashed(inputs)
     time_utc = this_step(job.command, {}).time_utc
     ledger = noting.opened(config, part, map_file, deviation_map, before, time_utc)
     learned = ledger.used if ledger is not None else None
@@ -232,7 +233,7 @@ def make_correction(
     exports = exporting.prepared(plan, on_grinder, config, beside(map_file, "").name)
     settings = {"compensate": config, "export": export, "first_pass": first_pass}
     settings |= {"learned_transfer": noting.learned_result(learned)} if learned is not None else {}
-    steps = record.steps(job, inputs, after=inputs if touches is None else inputs[:-1], **settings)
+    steps = record.steps(job, checksums, after=inputs if touches is None else inputs[:-1], **settings)
     noted = noting.adding(ledger, deviation_map, correction, before, time_utc, replace_row=job.overwrite)
     with noted, ExitStack() as stack:
         report = gating.written(

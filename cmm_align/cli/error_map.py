@@ -260,6 +260,7 @@ def make_map(
     from cmm_align import io
     from cmm_align.cli import cautions, comparing, drawing, map_exports, opening, record, results
     from cmm_align.io.schema import ALIGNMENT
+    from cmm_align.provenance import hashed
     from cmm_align.report import summary
     from cmm_align.report.section_lines import section_line
     from cmm_align.report.wishes import Wishes
@@ -286,13 +287,14 @@ def make_map(
         inputs.append(earlier)
         outputs += comparing.files(drawings, output)
     record.check_outputs(job, outputs, inputs)
+    checksums = hashed(inputs)
     config = _with_region(job, config, alignment)
     of_points = None if table is None else limits_of_points(alignment, config, table, job.units)
     deviation_map = error_map(alignment, config, limits=of_points)
     told: list[str] = []
     if earlier is not None:
         deviation_map, told = comparing.compared(deviation_map, earlier, config, aligned)
-    steps = record.steps(job, inputs, after=[aligned], error_map=config)
+    steps = record.steps(job, checksums, after=[aligned], error_map=config)
     io.write(deviation_map, output, steps, overwrite=job.overwrite)
     exported, refused = map_exports.write_all(deviation_map, export_files, steps[-1], overwrite=job.overwrite)
     wishes = Wishes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from cmm_align.errors import UsageError
 from cmm_align.io import read_steps
 from cmm_align.io.atomic import check_writable
 from cmm_align.io.kinds import HDF5_SUFFIXES
-from cmm_align.provenance import Step, this_step
+from cmm_align.provenance import InputFile, Step, this_step
 
 
 def check_outputs(
@@ -49,15 +49,19 @@ def check_outputs(
 
 
 def steps(
-    job: Job, inputs: Sequence[Path], *, after: Sequence[Path] = (), **settings: Any
+    job: Job,
+    inputs: Sequence[Path] | Callable[[], tuple[InputFile, ...]],
+    *,
+    after: Sequence[Path] = (),
+    **settings: Any,
 ) -> tuple[Step, ...]:
     """Return the steps of earlier files, oldest first, and this run as the last one.
 
     Parameters
     ----------
     job : Job
-    inputs : sequence of Path
-        Files that were read; their checksums are recorded.
+    inputs : sequence of Path, or callable
+        Files that were read, or what `hashed` returned for them; their checksums are recorded.
     after : sequence of Path
         Files of ours among them, whose own steps are carried on.
     settings

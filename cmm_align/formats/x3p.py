@@ -6,9 +6,9 @@ import importlib.util
 from datetime import datetime
 from pathlib import Path
 
+from cmm_align import __version__
 from cmm_align.errors import UsageError
 from cmm_align.model import DeviationMap
-from cmm_align.provenance import program_version
 from cmm_align.units import M_PER_MM
 
 
@@ -47,7 +47,7 @@ def write(deviation_map: DeviationMap, path: Path, *, time_utc: str) -> None:
 
     m = deviation_map
     made = datetime.fromisoformat(time_utc)
-    metadata = x3pio.Metadata.for_software("cmm-align", program_version(), date=made)
+    metadata = x3pio.Metadata.for_software("cmm-align", __version__, date=made)
     side = "+z" if m.alignment.nominal.side > 0 else "-z"
     metadata.comment = (
         "deviation from nominal along +z of frame surface (sag deviation, not along the normal); probe on "

@@ -14,13 +14,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cmm_align import __version__
 from cmm_align.errors import InputError, OutputError
 from cmm_align.io.atomic import atomic_path
 from cmm_align.io.hdf5_library import h5py
 from cmm_align.io.patient_file import PatientFile, uninterrupted
 from cmm_align.io.safe_hdf5 import MAX_VALUES, dataset, opened
 from cmm_align.io.schema import DATASETS, VERSION
-from cmm_align.provenance import Step, program_version
+from cmm_align.provenance import Step
 
 _CHUNK_ROWS: Final = 16384
 _SMALL_VALUES: Final = 256
@@ -50,7 +51,7 @@ def new_file(path: Path | str, schema: str, steps: Sequence[Step], overwrite: bo
             with uninterrupted(), h5py.File(stream, "w") as file:
                 file.attrs["schema"] = schema
                 file.attrs["schema_version"] = VERSION
-                file.attrs["created_by"] = f"cmm-align {program_version()}"
+                file.attrs["created_by"] = f"cmm-align {__version__}"
                 yield file
                 _write_steps(file, steps)
                 written |= _shapes(file)

@@ -15,8 +15,8 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
+from cmm_align import __version__
 from cmm_align.model import DeviationMap, Verdict
-from cmm_align.provenance import program_version
 from cmm_align.report.canvas import (
     RULE,
     SOFT,
@@ -126,7 +126,7 @@ def _head(figure: Figure, title: str, pass_number: int | None, date: str, told_o
     _write(
         figure, right, 197.0, text, 22.0 if known else 12.0, weight="bold" if known else "normal", ha="right"
     )
-    _write(figure, MARGIN_MM, 188.0, f"{date}   cmm-align {program_version()}".strip(), 9.0, color=SOFT)
+    _write(figure, MARGIN_MM, 188.0, f"{date}   cmm-align {__version__}".strip(), 9.0, color=SOFT)
     for k, line in enumerate(told_of):
         y = 188.0 + 4.0 * (len(told_of) - 1 - k) - 1.5 * (len(told_of) - 1)
         _write(figure, right, y, _cut(line, _TOLD_LETTERS), 9.0, weight="bold", ha="right")

@@ -10,8 +10,8 @@ from matplotlib import patheffects
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
+from cmm_align import __version__
 from cmm_align.model import DeviationMap, Nominal, Statistics, Verdict
-from cmm_align.provenance import program_version
 from cmm_align.report.canvas import (
     INK,
     SIGN,
@@ -128,7 +128,7 @@ def origin(nominal: Nominal) -> list[str]:
 
 def version() -> str:
     """Return the name and version of the program, for the foot of a picture."""
-    return f"cmm-align {program_version()}"
+    return f"cmm-align {__version__}"
 
 
 def map_size(b: Bounds, widest_in: float, highest_in: float) -> tuple[float, float]:

@@ -18,8 +18,9 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from cmm_align import __version__
 from cmm_align.model import DeviationMap
-from cmm_align.provenance import InputFile, Step, program_version
+from cmm_align.provenance import InputFile, Step
 from cmm_align.report.field import unknown_inside
 from cmm_align.report.instruction import Instruction
 from cmm_align.report.page_map import map_data, thinning
@@ -104,7 +105,7 @@ def write_page(
             title=title,
             source=source,
             time=_time(steps[-1].time_utc) if steps else "",
-            version=program_version(),
+            version=__version__,
             verdict=verdict,
             reasons=[(shown(reason), keeps(reason)) for reason in reasons],
             headline=headline(m),

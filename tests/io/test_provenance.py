@@ -7,7 +7,7 @@ import hashlib
 import pytest
 
 from cmm_align.errors import MissingFileError, UsageError
-from cmm_align.provenance import sha256_of_file, this_step
+from cmm_align.provenance import hashed, sha256_of_file, this_step
 
 
 def test_a_step_names_its_inputs_as_the_user_did(tmp_path, monkeypatch):
@@ -31,3 +31,13 @@ def test_a_missing_input_and_a_wrong_epoch_are_named(tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
     with pytest.raises(UsageError, match="yesterday"):
         this_step("x", {})
+
+
+def test_files_hashed_in_the_background_give_the_same_step(tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    paths = [tmp_path / "a", tmp_path / "b"]
+    for path in paths:
+        path.write_bytes(path.name.encode() * 1000)
+    assert this_step("align", {}, hashed(paths)) == this_step("align", {}, paths)
+    with pytest.raises(MissingFileError):
+        this_step("align", {}, hashed([tmp_path / "no"]))
