@@ -71,6 +71,7 @@ def make_alignment(
     from cmm_align.cli.progress import progress_bar
     from cmm_align.cli.start import start_pose
     from cmm_align.model import Nominal
+    from cmm_align.provenance import hashed
     from cmm_align.report import alignment_summary as summary
     from cmm_align.stages.align import align
     from cmm_align.stages.plausibility import check_measured
@@ -96,7 +97,7 @@ def make_alignment(
         )
     read = [path for path in (tables.weights, tables.limits, tables.fiducials) if path is not None]
     inputs = [*given.paths, nominal, *read]
-    if isinstance(source, Nominal) and output.exists():
+    if isinstance(source, Nominal) and output.exists() and not job.overwrite:
         check_measured(points, source)  # a wrong unit is the larger mistake: it comes first
     record.check_outputs(job, outputs, inputs)
     _check_tip(given.tip_radius_mm, source, ball)
@@ -104,6 +105,7 @@ def make_alignment(
     points = _weighted(points, tables)
     regions, limits, fiducials = _constraints(job, points, target, config, tables)
     start: Pose | None = None if initial is None else start_pose(initial)
+    checksums = hashed(inputs)
     with progress_bar(job) as progress:
         alignment = align(
             points,
@@ -117,7 +119,7 @@ def make_alignment(
         )
     steps = record.steps(
         job,
-        inputs,
+        checksums,
         after=[nominal] if isinstance(source, Nominal) else [],
         align=config,
         tip_radius_mm=target.tip_radius_mm,

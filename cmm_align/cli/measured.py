@@ -140,12 +140,11 @@ def read_measured(job: Job, sources: Sources, port: str | None, output: Path) ->
         return _captured(job, sources, port, output)
     sets = [files.read_measured(name, job.units, hints) for name in sources.names]
     points = _together(sets, contact=sources.contact)
-    ids = np.concatenate([one.ids for one in sets])
-    anew = not np.array_equal(points.ids, ids)
+    anew = len(sets) > 1 and not np.array_equal(points.ids, np.concatenate([one.ids for one in sets]))
     told = ("the files share ids: all points were numbered anew, from 0, in the order of the files",)
-    own = any(not np.array_equal(one.ids, np.arange(len(one))) for one in sets)
+    own = anew and any(not np.array_equal(one.ids, np.arange(len(one))) for one in sets)
     paths = tuple(Path(name) for name in sources.names)
-    notes = (*(told if anew and own else ()), *_left_out(points.passed_over))
+    notes = (*(told if own else ()), *_left_out(points.passed_over))
     return Measured(points, paths, warnings=notes, renumbered=anew)
 
 

@@ -105,9 +105,9 @@ class PointSet:
             raise MalformedInputError(
                 f"array of shape {points.shape}", where=source, expected="(N, 3): x, y, z"
             )
-        finite = np.isfinite(points).all(axis=1)
+        finite = np.isfinite(points)
         if not finite.all():
-            first = int(np.argmin(finite))
+            first = int(np.argmin(finite.all(axis=1)))
             raise MalformedInputError(
                 f"point {first + 1} of {len(points)} is not finite ({points[first]})",
                 where=source,
@@ -128,6 +128,12 @@ class PointSet:
 
     def __len__(self) -> int:
         return len(self.points_mm)
+
+    @property
+    def centroid_mm(self) -> Array:
+        """Mean of the points, shape (3,), mm, frame `frame`."""
+        mean: Array = np.ones(len(self)) @ self.points_mm / len(self)
+        return mean
 
 
 def joined(sets: Sequence[PointSet]) -> PointSet:

@@ -13,6 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmm_align.numerics.chunked import in_threads
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -96,15 +98,20 @@ def outliers(rule: OutlierRule, x_mm: Array, y_mm: Array, deviation_mm: Array) -
     x_mm, y_mm, deviation_mm : ndarray, shape (n,), mm
         NaN is no outlier: it has no deviation at all.
     """
-    off = np.abs(deviation_mm - rule.middle_mm)
-    with np.errstate(invalid="ignore"):
-        far = off > FAR * rule.sigma_mm
-        found: Mask = off > GROSS * rule.sigma_mm
-    pick = np.flatnonzero(far & ~found)
+    found = np.empty(len(deviation_mm), dtype=bool)
     ny, nx = rule.low_mm.shape
-    ix = np.clip((x_mm[pick] - rule.x0_mm) / rule.pitch_mm, 0, nx - 1).astype(np.intp)
-    iy = np.clip((y_mm[pick] - rule.y0_mm) / rule.pitch_mm, 0, ny - 1).astype(np.intp)
     slack = FAR * rule.local_sigma_mm
-    e = deviation_mm[pick]
-    found[pick] = (e < rule.low_mm[iy, ix] - slack) | (e > rule.high_mm[iy, ix] + slack)
+
+    def work(part: slice) -> None:
+        off = np.abs(deviation_mm[part] - rule.middle_mm)
+        with np.errstate(invalid="ignore"):
+            wrong = off > GROSS * rule.sigma_mm
+            pick = np.flatnonzero((off > FAR * rule.sigma_mm) & ~wrong)
+        ix = np.clip((x_mm[part][pick] - rule.x0_mm) / rule.pitch_mm, 0, nx - 1).astype(np.intp)
+        iy = np.clip((y_mm[part][pick] - rule.y0_mm) / rule.pitch_mm, 0, ny - 1).astype(np.intp)
+        e = deviation_mm[part][pick]
+        wrong[pick] = (e < rule.low_mm[iy, ix] - slack) | (e > rule.high_mm[iy, ix] + slack)
+        found[part] = wrong
+
+    in_threads(work, len(found))
     return found

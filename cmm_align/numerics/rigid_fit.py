@@ -44,9 +44,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _ULPS: Final = 4.0 * float(np.finfo(np.float64).eps)
-_RECOUNT: Final = (1e-6, 1e-3)
+_RECOUNT: Final = (1e-5, 1e-3)
 """Which points count is decided anew only after steps of this share of the size: after larger ones a
-cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays."""
+cloud could slide off the surface and call the few points left a good fit, after smaller ones it stays. Who
+leaves then stays out: on the brink, a point may leave because it counts and come back because it does not."""
 _OF_SIGMA: Final = 0.03
 """After a sample, an error this small beside the standard uncertainty of the pose is no error."""
 
@@ -133,7 +134,7 @@ def fit(
         now = _recounted(points_mm, placement, now, select(now), length, steering)
     bend = curvature
     looks = [_look(0.0, now)]
-    iterations, before = 0, now.used
+    iterations, left = 0, np.zeros(len(points_mm), dtype=bool)
     reason, converged = "max iterations", False
     last_movement = np.inf
     spectral = _spectrum(placement, now, settings, steering)
@@ -164,7 +165,9 @@ def fit(
             reason = "no further decrease"
             break
         if used is None and _RECOUNT[0] < movement / settings.size_mm < _RECOUNT[1]:
-            there, before = _chosen_anew(points_mm, trial, there, select(there), before, settings, steering)
+            chosen = select(there) & ~left
+            left |= there.used & ~chosen
+            there = _recounted(points_mm, trial, there, chosen, length, steering)
         placement, now, last_movement = trial, there, movement
         iterations += 1
         looks.append(_look(movement, now))
@@ -204,24 +207,6 @@ def _sigma_mm(now: Evaluation, spectral: Spectrum) -> float:
     """Return the standard uncertainty of the least certain observable motion, mm."""
     weakest = float(spectral.values[~spectral.free].min(initial=np.inf))
     return float(np.sqrt(now.cost_mm2 / max(int(np.count_nonzero(now.used)), 1) / weakest))
-
-
-def _chosen_anew(
-    points_mm: Array,
-    placement: Placement,
-    now: Evaluation,
-    chosen: Mask,
-    before: Mask,
-    settings: FitSettings,
-    steering: Steering,
-) -> tuple[Evaluation, Mask]:
-    """Let exactly the chosen points count, unless that goes round in a circle; return who counted before.
-
-    A point on the brink may leave because it counts and come back because it does not: then it stays out.
-    """
-    if np.array_equal(chosen, before) and not np.array_equal(chosen, now.used):
-        return now, before
-    return _recounted(points_mm, placement, now, chosen, settings.length_mm, steering), now.used
 
 
 def _recounted(

@@ -33,6 +33,7 @@ from cmm_align.model import (
     PointStatus,
     frozen_array,
 )
+from cmm_align.numerics.chunked import in_threads
 from cmm_align.numerics.fit_steps import FitSettings
 from cmm_align.numerics.linearisation import Measure, even_sample
 from cmm_align.numerics.steering import Placement, Steering
@@ -266,14 +267,14 @@ def _regions(config: AlignConfig, nominal: Nominal) -> Regions:
 def _cloud(measured: PointSet, nominal: Nominal, config: AlignConfig, start: Pose) -> Cloud:
     """Return the points about their centroid with the surface they are measured against."""
     scale = thermal_scale(config)
-    centroid = measured.points_mm.mean(axis=0)
+    centroid = measured.centroid_mm
     centred = measured.points_mm - centroid
     at_size = centroid
     if scale != 1.0:  # a part grows about its datum, not about the middle of what was touched of it
         datum = start.inverse().translation_mm
         centred, at_size = centred * scale, datum + scale * (centroid - datum)
     radius = 0.0 if measured.kind is PointKind.CONTACT else nominal.tip_radius_mm
-    length = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
+    length = float(np.sqrt(np.vdot(centred, centred) / len(centred)))
     surface_from_machine = nominal.surface_from_part @ start
     placed = Placement(surface_from_machine.rotation, surface_from_machine.apply(at_size[None])[0])
     return Cloud(
@@ -310,16 +311,24 @@ def _laid(measured: PointSet, nominal: Nominal, fitted: Fitted, region: Region |
         judged[judged] = region.contains(feet.x_mm[judged], feet.y_mm[judged])
     normals = part_from_surface.rotate(feet.normal)
     at_size = measured.points_mm if cloud.scale == 1.0 else cloud.points_mm + cloud.centroid
-    tips_part = part_from_machine.apply(at_size)
+    tips_part, contact_part = np.empty((2, *at_size.shape))
+    deviation = np.empty(len(at_size))
+
+    def lay(part: slice) -> None:
+        tips_part[part] = part_from_machine.apply(at_size[part])
+        contact_part[part] = tips_part[part] - cloud.radius_mm * normals[part]
+        deviation[part] = np.where(inside[part], feet.distance_mm[part], np.nan)
+
+    in_threads(lay, len(at_size))
     return Alignment(
         nominal=nominal,
         part_from_machine=part_from_machine,
         covariance=frozen_array(np.zeros((6, 6))),
         tip_centre_machine_mm=measured.points_mm,
         tip_centre_part_mm=frozen_array(tips_part),
-        contact_part_mm=frozen_array(tips_part - cloud.radius_mm * normals),
+        contact_part_mm=frozen_array(contact_part),
         normals=frozen_array(normals),
-        deviation_mm=frozen_array(np.where(inside, feet.distance_mm, np.nan)),
+        deviation_mm=frozen_array(deviation),
         used=frozen_array(used, np.bool_),
         judged=frozen_array(judged, np.bool_),
         status=frozen_array(status, np.uint8),

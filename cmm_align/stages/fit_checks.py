@@ -242,10 +242,12 @@ def check_spread(result: FitResult, nominal: Nominal, settings: FitSettings, whe
         If motions are free that the whole nominal would hold, and the points are few or close together.
     """
     n_free, used = int(np.count_nonzero(result.spectral.free)), result.evaluation.used
+    if n_free == 0:
+        return
     few = int(np.count_nonzero(used)) < FEW
     x, y = result.evaluation.feet.x_mm[used], result.evaluation.feet.y_mm[used]
     close = float(np.hypot(np.std(x), np.std(y))) < CLOSE * settings.size_mm if len(x) else False
-    if n_free == 0 or not (few or close):
+    if not (few or close):
         return
     more = n_free - _free_of_nominal(nominal, settings)
     if more > 0:

@@ -49,18 +49,22 @@ def check_measured(measured: PointSet, nominal: Nominal) -> None:
             where=where,
             expected=f"at least {MIN_POINTS}: a rigid motion has six unknowns",
         )
-    centred = measured.points_mm - measured.points_mm.mean(axis=0)
-    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred)[::-1], 0.0))
-    if spread[1] <= LINE * max(float(spread[0]), 1e-300):
+    points, middle = measured.points_mm, measured.centroid_mm
+    few = points[:: max(1, len(points) // _SAMPLE)] - middle
+    if _on_a_line(few) and _on_a_line(points - middle):
         raise GeometryError(
-            "all points lie on a line"
-            if np.ptp(measured.points_mm, axis=0).any()
-            else "all points are the same",
+            "all points lie on a line" if np.ptp(points, axis=0).any() else "all points are the same",
             where=where,
             expected="points spread over the surface",
         )
-    _check_size(_radius(centred[:: max(1, len(centred) // _SAMPLE)]), _nominal_radius(nominal), where)
+    _check_size(_radius(few), _nominal_radius(nominal), where)
     _check_not_nominal(measured, nominal)
+
+
+def _on_a_line(centred_mm: Array) -> bool:
+    """Return whether points about their centroid are no wider than rounding."""
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(centred_mm.T @ centred_mm)[::-1], 0.0))
+    return bool(spread[1] <= LINE * max(float(spread[0]), 1e-300))
 
 
 def _radius(centred_mm: Array) -> float:
