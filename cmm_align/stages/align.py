@@ -172,6 +172,7 @@ def align(
         cloud, few, Way(way_start, way), rule, config, nominal=nominal, fiducials=fiducials, tell=tell
     )
     if config.max_iterations > 0:
+        tell("looking for mistakes", 0.6)
         notes += _examined(measured, nominal, fitted, few, config, regions, start)
         if config.scale == "free":
             tell("scale", 0.6)

@@ -191,7 +191,7 @@ def ours(problem: Problem, set_up_s: float, repeats: int) -> Outcome:
                 except CmmAlignError as error:
                     print(f"ours: {error}", file=sys.stderr)
                     found = None
-            spent.append(marks.get("second path", watch.wall) - marks.get("finding the way", 0.0))
+            spent.append(marks.get("looking for mistakes", watch.wall) - marks.get("finding the way", 0.0))
         error = judged(FAR if found is None else found.part_from_machine, pose, problem.unseen)
         seconds.append(min(spent))
         looks.append(0 if found is None else found.report.iterations)
