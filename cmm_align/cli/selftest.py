@@ -12,6 +12,7 @@ import click
 from cmm_align.cli import options
 from cmm_align.cli.job import EXIT_OF_VERDICT, Job, Outcome
 from cmm_align.cli.options import FILE
+from cmm_align.errors import UsageError
 
 if TYPE_CHECKING:
     from cmm_align.selftest import Check
@@ -32,7 +33,7 @@ SCHEMA: Final = "cmm-align/selftest"
     "--output",
     type=FILE,
     metavar="FILE",
-    help="Certificate.  [default: cmm-align-selftest-<time>.json here]",
+    help="Certificate, a name in .json.  [default: cmm-align-selftest-<time>.json here]",
 )
 def command(job: Job, *, output: Path | None) -> int:
     """Parse, call, show."""
@@ -52,8 +53,10 @@ def run_selftest(job: Job, output: Path | None = None) -> Outcome:
 
     Raises
     ------
+    UsageError
+        If the name of the certificate does not end in .json.
     OutputError
-        If the certificate cannot be written; found out before the checks run.
+        If it cannot be written, or would replace what is no certificate; found out before the checks run.
     """
     from cmm_align.cli.progress import progress_bar
     from cmm_align.io.atomic import atomic_path, check_writable
@@ -63,6 +66,13 @@ def run_selftest(job: Job, output: Path | None = None) -> Outcome:
     step = this_step(job.command, {})
     stamp = step.time_utc.replace("-", "").replace(":", "")
     output = output or Path(f"cmm-align-selftest-{stamp}.json")
+    if output.suffix.lower() != ".json":  # by its name it would be, and could replace, something else
+        raise UsageError(
+            f"{output.name!r} is no name for a certificate",
+            where=str(output),
+            expected="a name that ends in .json",
+            remedy=f"give -o {output.with_suffix('.json').name}",
+        )
     check_writable(output, job.overwrite)
     found: list[Check] = []
     with progress_bar(job) as tell:
@@ -140,6 +150,7 @@ def _machine() -> dict[str, Any]:
     from importlib.metadata import version
 
     return {
+        "computer": platform.node(),
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processor": platform.processor() or platform.machine(),

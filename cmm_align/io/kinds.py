@@ -19,18 +19,20 @@ POST_STEM: Final = ".post"
 """What the stem of a file ends in whose format a user has described: any text."""
 
 _POINTS: Final = ((b"# cmm-align points ", b"# cmm-align map "), "a points file of cmm-align")
+_TABLE: Final = ((*_POINTS[0], b"step,phase,movement_mm,"), "a points file or iteration log of cmm-align")
 _STARTS: Final[dict[str, tuple[bytes | tuple[bytes, ...], str]]] = {
     ".png": (b"\x89PNG\r\n\x1a\n", "a PNG picture"),
     ".pdf": (b"%PDF-", "a PDF"),
     ".mat": (b"MATLAB 5.0 MAT-file, cmm-align ", "a dwell grid of cmm-align"),
     ".x3p": (b"PK\x03\x04", "an X3P file"),
     ".xyz": _POINTS,
-    ".csv": _POINTS,
+    ".csv": _TABLE,
     ".txt": _POINTS,
 }
 """What a file of a suffix starts with, and what it is called."""
 _HOLDS: Final = {
     ".svg": (b"<svg", "an SVG picture"),
+    ".json": (b'"schema": "cmm-align/selftest"', "a certificate of cmm-align"),
     ".html": (b'<meta name="generator" content="cmm-align', "a page of cmm-align"),
 }
 """What the head of a file of a suffix holds, and what it is called."""

@@ -77,7 +77,6 @@ def test_a_certificate_is_not_replaced_unasked(
 
     assert ran.code == 8
     assert (tmp_path / "c.json").read_text() == "{}"
-    assert cli("selftest", "-o", "c.json", "--overwrite").code == 0
 
 
 def test_a_folder_that_is_not_there_is_found_before_the_checks_run(
@@ -88,3 +87,28 @@ def test_a_folder_that_is_not_there_is_found_before_the_checks_run(
 
     assert ran.code == 8
     assert "nowhere" in ran.err
+
+
+@pytest.mark.parametrize("name", ["part.csv", "part.comp.h5", "settings.toml"])
+def test_a_certificate_is_named_as_one(
+    cli: Cli, cases: Callable[[float], None], tmp_path: Path, name: str
+) -> None:
+    cases(1e-5)
+    (tmp_path / name).write_text("# cmm-align points v1; units=mm\n")
+
+    ran = cli("selftest", "-o", name, "--overwrite")
+
+    assert ran.code == 2
+    assert ".json" in ran.err
+    assert (tmp_path / name).read_text().startswith("# cmm-align points")
+
+
+def test_a_certificate_replaces_certificates_alone(
+    cli: Cli, cases: Callable[[float], None], tmp_path: Path
+) -> None:
+    cases(1e-5)
+    (tmp_path / "mine.json").write_text('{"hello": 1}\n')
+
+    assert cli("selftest", "-o", "mine.json", "--overwrite").code == 8
+    assert cli("selftest", "-o", "new.json").code == 0
+    assert cli("selftest", "-o", "new.json", "--overwrite").code == 0
