@@ -42,6 +42,13 @@ COMMANDS: Final = {
 }
 """Short help of each command; kept here so that the list needs none of their modules."""
 
+EXIT_CODES: Final = """\b
+Exit codes, for scripts:
+  0 good            3 input                           6 undecided: too near a limit
+  1 a bug of ours   4 no fit, or not converged        7 port or device
+  2 usage           5 out of tolerance, or held back  8 an output cannot be written
+"""
+
 
 class Terminated(BaseException):
     """SIGTERM arrived: unwind as for Ctrl-C, so that no half-written file stays."""
@@ -81,7 +88,7 @@ class LazyGroup(click.Group):
 @click.group(
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog=CHAIN,
+    epilog=f"{EXIT_CODES}\n{CHAIN}",
 )
 @click.version_option(__version__, "--version", message="cmm-align %(version)s")
 def cmm_align() -> None:
