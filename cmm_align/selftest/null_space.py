@@ -34,6 +34,8 @@ from cmm_align.units import NM_PER_MM
 from cmm_align.virtual.window import window
 
 _POINTS: Final = 2000
+_MANY: Final = 60_000
+"""So many that a sample leads the way and short steps are carried on without a new look at the surface."""
 _HALF_MM: Final = (48.0, 28.0)
 _SIZE_MM: Final = 0.005
 _LENGTH_MM: Final = 30.0
@@ -42,13 +44,18 @@ _LEAST_WEIGHT: Final = 0.05
 
 def least_squares() -> list[Finding]:
     """Align null-space data; pose and residuals are known."""
-    x, y = even_places(_POINTS, *_HALF_MM)
+    return [*_least_squares("least squares", _POINTS), *_least_squares("least squares, many", _MANY)]
+
+
+def _least_squares(name: str, n: int) -> list[Finding]:
+    """Align n points with deviations in the null space."""
+    x, y = even_places(n, *_HALF_MM)
     feet, normals = feet_of(window(), x, y)
     basis, _ = np.linalg.qr(_rows(feet, normals))
-    deviation = _SIZE_MM * np.sin(1.0 + 2.4 * np.arange(_POINTS))
+    deviation = _SIZE_MM * np.sin(1.0 + 2.4 * np.arange(n))
     for _ in range(2):  # twice is enough for orthogonality to rounding
         deviation = deviation - basis @ (basis.T @ deviation)
-    return _aligned("least squares", feet, normals, deviation, "least-squares")
+    return _aligned(name, feet, normals, deviation, "least-squares")
 
 
 def minimum_zone() -> list[Finding]:
@@ -71,9 +78,9 @@ def _aligned(name: str, feet: Array, normals: Array, deviation: Array, criterion
     pv_nm = abs(float(np.ptp(found.deviation_mm) - np.ptp(deviation))) * NM_PER_MM
     rms = [float(np.sqrt(np.mean(e**2))) for e in (found.deviation_mm, deviation)]
     return [
-        Finding(f"{name}: place", moved_nm, "nm", _POINTS),
+        Finding(f"{name}: place", moved_nm, "nm", len(tips)),
         Finding(f"{name}: turn", turned_rad, "rad", 1),
-        Finding(f"{name}: deviations", residual_nm, "nm", _POINTS),
+        Finding(f"{name}: deviations", residual_nm, "nm", len(tips)),
         Finding(f"{name}: PV", pv_nm, "nm", 1),
         Finding(f"{name}: RMS", abs(rms[0] - rms[1]) * NM_PER_MM, "nm", 1),
     ]
