@@ -76,7 +76,21 @@ def test_a_pose_that_is_off_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(null_space, "align", tilted)
     bad = [f.what for f in null_space.least_squares() if not f.passed]
 
-    assert bad == ["least squares: turn"]
+    assert bad == ["least squares: turn", "least squares, many: turn"]
+
+
+def test_a_wrong_carried_step_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = distance.shifted_feet
+
+    def wrong(side, radius_mm, feet, shift_mm):
+        found = true(side, radius_mm, feet, shift_mm)
+        return found._replace(distance_mm=feet.distance_mm + 0.8 * (found.distance_mm - feet.distance_mm))
+
+    monkeypatch.setattr(distance, "shifted_feet", wrong)
+    bad = [f.what for f in null_space.least_squares() if not f.passed]
+
+    assert bad
+    assert all(what.startswith("least squares, many") for what in bad)
 
 
 def test_places_fill_the_rectangle_evenly() -> None:
